@@ -317,7 +317,7 @@ impl IdealSettings {
         })
     }
 
-    /// The same in the notation of earlier versions, for their keys.
+    /// The same identity in the notation of earlier versions, for their keys.
     pub(super) fn earlier_identity(&self) -> String {
         let Rates { position, variance, weight, relative_weight } = self.rates;
         let Free { positions, widths, weights } = self.free;

@@ -34,7 +34,7 @@ pub(crate) struct EstimateCheckpoint {
 const ESTIMATE_CHECKPOINT: DocumentKind =
     DocumentKind::unmarked_before("lenslet-studio/estimate-checkpoint", "the state of an estimate");
 
-/// What decides an estimate completely, apart from the version of the program's numbers.
+/// Identity of an estimate: all that decides its numbers, apart from the version of the program's numbers.
 pub(crate) struct Identity {
     /// The entries by fixed names, which no change of the code renames.
     pub content: Value,
@@ -399,7 +399,7 @@ mod tests {
         let other = EstimateRequest { patches_test: 1499, ..request.clone() };
         assert!(EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &other)).is_err());
 
-        // One that was stopped during its first fit, whose state has a key of its own.
+        // An estimate that was stopped during its first fit, whose state has a key of its own.
         let path = copied("resume-v0");
         let mut packed = flate2::read::GzDecoder::new(File::open(golden.join("resume-v0.fit-1.gz")).unwrap());
         let mut fit = File::create(folder.path().join("resume-v0.fit-1")).unwrap();

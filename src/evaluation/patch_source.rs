@@ -28,7 +28,7 @@ type Shown = ((usize, u64), Rc<SharedImages>);
 pub(crate) struct PatchSource<'a> {
     pub design: &'a Design,
     pub imaging: &'a ForwardModel<'a>,
-    /// For the PSF of the design.
+    /// Convolver for the PSF of the design.
     pub convolver: &'a Convolver,
     pub patch: (usize, usize),
     pub protocol: Protocol,
@@ -37,7 +37,7 @@ pub(crate) struct PatchSource<'a> {
 }
 
 impl<'a> PatchSource<'a> {
-    /// Of a design and its imaging, with the convolver for its PSF.
+    /// Source of the patches of a design and its imaging, with the convolver for its PSF.
     pub fn new(
         design: &'a Design,
         imaging: &'a ForwardModel<'a>,
@@ -64,7 +64,7 @@ impl<'a> PatchSource<'a> {
         }
     }
 
-    /// How the objects of a batch are drawn.
+    /// The batch of objects of one part of the patches.
     fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
         let first = index * self.imaging.set.batch();
         let place_seed = SeedStream::Batch { first }.derive(seed);
@@ -155,7 +155,7 @@ impl<'a> PatchSource<'a> {
     }
 }
 
-/// How a batch of objects is drawn, and a patch cut from each.
+/// A batch of objects, with one patch cut from each.
 struct Batch {
     /// Number of the first object.
     first: usize,

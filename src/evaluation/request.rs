@@ -208,7 +208,7 @@ impl EstimateRequest {
         Self { model: DensityModel::new(estimator, None, EngineChoice::default()), ..Self::default() }
     }
 
-    /// The same with fits of at most this time in each trial.
+    /// The same request with fits of at most this time in each trial.
     #[must_use]
     pub fn with_budget(self, budget: Duration) -> Self {
         let engine =
@@ -216,37 +216,37 @@ impl EstimateRequest {
         Self { model: DensityModel::new(self.model.estimator(), Some(budget), engine), ..self }
     }
 
-    /// The same with fits of this number of steps: equal seeds then give equal numbers on one machine.
+    /// The same request with fits of this number of steps: equal seeds then give equal numbers on one machine.
     #[must_use]
     pub fn with_steps(self, steps: usize) -> Self {
         Self { model: self.model.of_steps(steps), ..self }
     }
 
-    /// The same with patches of this many rows and columns of pixels.
+    /// The same request with patches of this number of rows and columns of pixels.
     #[must_use]
     pub fn with_patch(self, rows: usize, cols: usize) -> Self {
         Self { patch: Some((rows, cols)), ..self }
     }
 
-    /// The same with whole measurements in place of patches.
+    /// The same request with whole measurements in place of patches.
     #[must_use]
     pub fn of_whole_sensor(self) -> Self {
         Self { patch: None, ..self }
     }
 
-    /// The same with these numbers of training and test patches.
+    /// The same request with these numbers of training and test patches.
     #[must_use]
     pub fn with_patches(self, train: usize, test: usize) -> Self {
         Self { patches_train: train, patches_test: test, ..self }
     }
 
-    /// The same with this number of trials; the smallest estimate is reported.
+    /// The same request with this number of trials; the smallest estimate is reported.
     #[must_use]
     pub fn with_trials(self, trials: usize) -> Self {
         Self { trials, ..self }
     }
 
-    /// The same with fits that start from random weights in place of pretrained ones.
+    /// The same request with fits that start from random weights in place of pretrained ones.
     #[must_use]
     pub fn from_random_weights(self) -> Self {
         Self { fresh: true, ..self }

@@ -45,7 +45,7 @@ pub enum StudyError {
         path: PathBuf,
         /// This version.
         expected: String,
-        /// That in the file.
+        /// The version in the file.
         found: String,
     },
     /// The file in the folder is no study that this version knows.
@@ -55,7 +55,7 @@ pub enum StudyError {
         path: PathBuf,
         /// Newest version that is read.
         version: u64,
-        /// What it holds.
+        /// Description of what the file holds.
         found: String,
         /// Advice on what to do.
         advice: &'static str,

@@ -45,7 +45,7 @@ pub struct StudyStep<'a> {
     pub cells: usize,
     /// Objects, design and patch.
     pub name: &'a str,
-    /// What its estimate is doing.
+    /// Progress of its estimate.
     pub progress: &'a EstimateProgress,
     /// Estimated time for this cell and the later ones.
     pub left: Duration,

@@ -22,7 +22,7 @@ pub struct StudySummary {
     pub failed: usize,
     /// Estimates above the object-entropy bound. They are loose, and designs must not be ranked by them.
     pub above_ceiling: usize,
-    /// How many estimates are as low as the published ones, by margin.
+    /// Number of estimates that are as low as the published ones, by margin.
     pub within_published: Vec<WithinPublished>,
     /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
@@ -37,9 +37,9 @@ pub struct WithinPublished {
     pub margin: f64,
     /// Estimates with a published value.
     pub compared: usize,
-    /// Those at or below it and the margin.
+    /// Estimates at or below the published value and the margin.
     pub within: usize,
-    /// The same, where the density model alone counts.
+    /// The same number by the density model alone.
     pub within_by_density: usize,
     /// Their share, 0 to 1.
     pub share: f64,
@@ -121,7 +121,7 @@ impl StudySummary {
     }
 }
 
-/// What a number of a cell is compared with: the number itself and the published value.
+/// The two sides of a comparison: the number of a cell and the published value.
 fn beside_published(cell: &StudyCell, bits: Option<f64>) -> Option<(f64, f64)> {
     bits.zip(cell.published.map(|published| published.bits_per_pixel))
 }

@@ -11,7 +11,7 @@ use crate::optics::LensletArray;
 
 /// Loss beyond which a run reverts to its best checkpoint, bits per pixel.
 const MOST_LOSS: f64 = 0.003;
-/// The same by cold fits of density models, which differ among each other by less.
+/// The same loss by cold fits of density models, which differ among each other by less.
 const MOST_LOSS_OF_COLD_FITS: f64 = 0.02;
 
 impl IdealOptimizer<'_> {

@@ -228,7 +228,7 @@ mod tests {
         let (third, found) = Autosave::in_folder(folder.path()).unwrap();
         assert!(found.is_empty(), "it is offered once");
         drop(third);
-        // It stays until the design is safe again.
+        // The file stays until the design is saved again.
         next.supersede(recovered);
         assert!(file.exists());
         next.note(&design, (3, true), None);
@@ -254,7 +254,7 @@ mod tests {
     fn broken_files_are_passed_over_and_a_full_disk_is_told() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("1-1.json"), b"{\"design\": 3").unwrap();
-        // What a kill in the middle of a write leaves goes when it is old.
+        // The rest of a write that was killed is removed when it is old.
         let (old, new) = (folder.path().join(".writing-old"), folder.path().join(".writing-new"));
         std::fs::write(&old, b"{").unwrap();
         std::fs::write(&new, b"{").unwrap();
@@ -273,7 +273,7 @@ mod tests {
         });
         told = told.or_else(|| autosave.note(&design, (2, true), None));
         assert!(told.unwrap().contains("a folder or device"));
-        // It is tried again, whether or not anything changes.
+        // The write is tried again, whether or not anything changes.
         std::fs::remove_dir(&name).unwrap();
         until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok());
         assert_eq!(autosave.note(&design, (2, true), None), None);

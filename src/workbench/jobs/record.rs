@@ -32,9 +32,9 @@ pub enum RecordError {
 /// A record of either kind.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Record {
-    /// Of a live estimate.
+    /// Record of a live estimate.
     Live(Box<LiveRecord>),
-    /// Of a run.
+    /// Record of a run.
     Run(Box<IdealRecord>),
 }
 

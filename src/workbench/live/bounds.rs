@@ -19,7 +19,7 @@ const LOWER_HALF_WIDTH: f64 = 0.002;
 /// Samples of one block in the comparison with the mask before the last edit.
 const EDIT_BLOCK: usize = 64;
 
-/// Where a bound that uses the prior comes from.
+/// Source of a bound that uses the prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BoundSource {

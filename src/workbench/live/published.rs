@@ -1,4 +1,4 @@
-//! What the window sees of the open design: the latest result of every step, with the revision that it is of.
+//! Results for the window: the latest one of every step, with the revision of its design.
 
 use std::sync::Arc;
 
@@ -50,7 +50,7 @@ pub(crate) struct Wanted {
     pub revision: u64,
     /// The design.
     pub design: Arc<Design>,
-    /// What it was before the last edit.
+    /// The design before the last edit.
     pub before: Option<Arc<Design>>,
 }
 

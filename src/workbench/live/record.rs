@@ -90,7 +90,7 @@ impl LiveNumbers {
 pub struct Repeated {
     /// The numbers now.
     pub numbers: LiveNumbers,
-    /// Those of the record.
+    /// The numbers of the record.
     pub recorded: LiveNumbers,
     /// Whether they are the same to the last bit.
     pub same: bool,

@@ -22,21 +22,21 @@ pub(crate) struct LiveSchedule {
     pub first_gradients: Duration,
     /// Time for position gradients during a fit.
     pub gradients: Duration,
-    /// The same once the estimate has converged.
+    /// Time for position gradients once the estimate has converged.
     pub gradients_converged: Duration,
-    /// The same once all bounds are there.
+    /// Time for position gradients once all bounds are there.
     pub gradients_last: Duration,
     /// Time from the start of a fit after which the decoder's lower bound is computed.
     pub first_decoder_bound: Duration,
     /// Most samples of that bound during a fit.
     pub decoder_samples: usize,
-    /// The same once the estimate has converged.
+    /// Most samples of that bound once the estimate has converged.
     pub decoder_samples_converged: usize,
     /// Time from the start of a fit after which annealed importance sampling runs.
     pub first_ais: Duration,
     /// Time for each bound by annealed importance sampling during a fit.
     pub ais: Duration,
-    /// The same once the estimate has converged.
+    /// Time for each bound by annealed importance sampling once the estimate has converged.
     pub ais_converged: Duration,
     /// Most samples of the decoder's bound for whole measurements, which come last.
     pub decoder_samples_sensor: usize,
@@ -44,7 +44,7 @@ pub(crate) struct LiveSchedule {
     pub ais_sensor: Duration,
     /// Samples of the comparison with the design before the last edit, soon after it.
     pub edit_samples: usize,
-    /// The same once the estimate has converged.
+    /// Samples of the comparison once the estimate has converged.
     pub edit_samples_converged: usize,
     /// Time for the upper bound by annealed importance sampling soon after an edit.
     pub ais_after_edit: Duration,

@@ -144,7 +144,7 @@ impl RankedStart {
     /// Sets the score for whole measurements, or that there is none; a failed score stays open.
     ///
     /// # Errors
-    /// That of the score.
+    /// The error of the score.
     pub fn set_sensor(&mut self, scored: Result<Option<Estimate>, EvaluationError>) -> Result<(), EvaluationError> {
         self.sensor = scored?;
         self.is_scored = true;

@@ -325,7 +325,7 @@ impl Shared {
         self.proceed_unless(&self.stopped)
     }
 
-    /// The same for scores and comparisons, which end where they are cancelled.
+    /// Waits in the same way for scores and comparisons; `Break` where they are cancelled.
     fn proceed_scoring(&self) -> ControlFlow<()> {
         self.proceed_unless(&self.cancelled)
     }

@@ -167,7 +167,7 @@ pub struct Snapshots {
     deleted: Vec<String>,
     /// The snapshot that was deleted last, and its place.
     gone: Option<(usize, Snapshot)>,
-    /// When files were last written.
+    /// Time of the last writing of files.
     written: Option<Instant>,
 }
 
