@@ -1,4 +1,4 @@
-//! The lower bound: a number of bits per pixel with all that belongs to it.
+//! Lower bound on the information, bits per pixel, with its settings and origin.
 
 use std::ops::ControlFlow;
 
@@ -18,10 +18,10 @@ use crate::sensor::Noise;
 /// Lower bound on the mutual information between beads and noisy measurements, by a trained decoder.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LowerBound {
-    /// The bound, bits per pixel of the patch; never below 0, which a decoder that knows the prior alone reaches.
+    /// The bound, bits per pixel of the patch; never below 0, which the prior alone reaches.
     pub bits_per_pixel: f64,
-    /// 95 % interval (low, high), bits per pixel, from the standard error over test samples; it covers the choice of test
-    /// samples only.
+    /// 95 % interval (low, high), bits per pixel, from the standard error over test samples. It covers the choice of
+    /// test samples only.
     pub interval_95: [f64; 2],
     /// The bound for the whole patch, bits.
     pub bits_per_measurement: f64,
@@ -29,7 +29,7 @@ pub struct LowerBound {
     pub decoder: DecoderKind,
     /// Patch shape [rows, cols], pixels.
     pub patch: [usize; 2],
-    /// Object pixels, over all planes, that were decoded: those whose light reaches the patch.
+    /// Decoded object pixels over all planes: those whose light reaches the patch.
     pub sites: usize,
     /// Probability of a bead at each of them.
     pub probability: f64,
@@ -37,7 +37,7 @@ pub struct LowerBound {
     pub bias: f64,
     /// Noise of the measurements.
     pub noise: Noise,
-    /// Fresh samples that the decoder was tested on.
+    /// New samples on which the decoder was tested.
     pub test_patches: usize,
     /// Training steps.
     pub steps: usize,
@@ -47,21 +47,22 @@ pub struct LowerBound {
     pub unrolled: usize,
     /// Time for fit and test, seconds.
     pub seconds: f64,
-    /// Seed of first weights, samples and test.
+    /// Seed of initial weights, samples and test.
     pub seed: u64,
-    /// What a reader must know.
+    /// Notes for the reader.
     pub notes: Vec<String>,
 }
 
-/// Fits a decoder to fresh samples of a channel, from first weights or those of `start`, and tests it on others.
+/// Fits a decoder to new samples of a channel and tests it on others. The fit starts from random weights or from
+/// those of `start`.
 ///
-/// The bound holds for any decoder, however short the fit; a longer fit raises it. Training and test samples come from
-/// different random streams of the same seed. A fit whose state `keeper` has goes on from it, for a number of steps to the same
-/// bits as in one go.
+/// The bound holds for any decoder, however short the fit; a longer fit raises it. Training and test samples come
+/// from different random streams of the same seed. The fit resumes from the checkpoint in `keeper`. With a fixed
+/// number of steps a resumed fit gives the same bits.
 ///
 /// # Errors
-/// For what is no channel or no fit, for numbers that stay infinite, where a state cannot be read or written or is that of another
-/// fit, and when cancelled: `on_progress` is called after every step and may break off.
+/// For an invalid channel or fit, for numbers that stay infinite, and when cancelled. For a checkpoint that cannot be
+/// read or written or belongs to another fit. `on_progress` is called after every step and may cancel.
 pub fn decoder_lower_bound(
     channel: &BeadChannel,
     fit: &DecoderFit,
@@ -116,7 +117,7 @@ pub fn decoder_lower_bound(
     Ok((bound, decoder))
 }
 
-/// Blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
+/// Scores blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
     scene: &Problem,
     (fit, run): (&DecoderFit, &Run<'_>),

@@ -1,4 +1,4 @@
-//! The channel from beads to noisy measurements, as a person states it.
+//! The channel from beads to noisy measurements.
 
 use ndarray::{Array3, Axis, s};
 
@@ -6,14 +6,14 @@ use crate::information::entropy::noise_entropy::check_noise;
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// Most object pixels, all planes together, that a decoder takes.
+/// Largest number of object pixels, all planes together, of a decoder.
 const MAX_SITES: usize = 1 << 18;
-/// Rows and columns at the edges of a spot are left out where no pixel exceeds this share of the brightest one. What they
-/// could tell is far below 1e-6 bit.
+/// Share of the brightest pixel below which rows and columns at the edges of a spot are left out. Their information
+/// is far below 1e-6 bit.
 const FAINT: f64 = 1e-6;
 
-/// Independent beads seen through an encoder: every object pixel that could touch the patch holds a bead with the same
-/// probability, and every bead adds the same spot to the sensor.
+/// Independent beads imaged by an encoder. Every object pixel that could reach the patch holds a bead with the same
+/// probability. Every bead adds the same spot to the sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeadChannel {
     /// Photons that one bead adds to an infinite sensor (bead convolved with the point spread function), shape (planes,
@@ -21,7 +21,7 @@ pub struct BeadChannel {
     pub spot: Array3<f64>,
     /// Probability of a bead at an object pixel.
     pub probability: f64,
-    /// Photons per pixel where there is no bead.
+    /// Photons per pixel without beads.
     pub bias: f64,
     /// Noise of the sensor.
     pub noise: Noise,
@@ -30,21 +30,21 @@ pub struct BeadChannel {
 }
 
 impl BeadChannel {
-    /// Refuses what is no channel, whether or not the dark edges of its spot are left out.
+    /// Checks the channel, with and without the dark edges of its spot.
     ///
     /// # Errors
-    /// As [`super::decoder_lower_bound`] for what is no channel.
+    /// As [`super::decoder_lower_bound`] for an invalid channel.
     pub fn check(&self) -> Result<(), InformationError> {
         self.whole_spot().map(|_| ())
     }
 
-    /// Refuses what is no channel, and returns the spot without its dark edges.
+    /// Checks the channel and returns the spot without its dark edges.
     pub(crate) fn checked_spot(&self) -> Result<Array3<f64>, InformationError> {
         self.check_numbers()?;
         self.of_sites(self.trimmed()?)
     }
 
-    /// As [`BeadChannel::checked_spot`], with its dark edges.
+    /// Returns the spot with its dark edges; otherwise as [`BeadChannel::checked_spot`].
     pub(super) fn whole_spot(&self) -> Result<Array3<f64>, InformationError> {
         self.check_numbers()?;
         self.trimmed()?;
@@ -67,7 +67,7 @@ impl BeadChannel {
         Ok(())
     }
 
-    /// A spot that no more sites can reach the patch with than a decoder takes.
+    /// Returns the spot if the number of sites that reach the patch is within the limit of a decoder.
     fn of_sites(&self, spot: Array3<f64>) -> Result<Array3<f64>, InformationError> {
         let (rows, cols) = self.patch;
         let (planes, spot_rows, spot_cols) = spot.dim();

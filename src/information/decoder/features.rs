@@ -1,39 +1,41 @@
-//! What the network is told about every site, how it moves the logits, and the derivatives of both: passes over plain
-//! arrays with one number per site or per pixel.
+//! Features of the sites, updates of the logits, and the derivatives of both. All are passes over plain arrays with
+//! one number per site or per pixel.
 
 use super::layers::{FEATURES, HIDDEN, INPUTS, OUTPUTS};
 use crate::nn::{exponential, logarithm, vectorised};
 
-/// Log odds are kept within this of zero between steps, or a little beyond those of the prior.
+/// Limit of the log odds around zero between steps, or a little beyond those of the prior.
 const STATE_LIMIT: f32 = 14.0;
-/// Log odds that the last step may claim beyond that.
+/// Margin beyond that limit for the log odds of the last step.
 const CLAIM_MARGIN: f32 = 4.0;
-/// Log odds at which revealed sites are shown to the network.
+/// Log odds that the network receives for revealed sites.
 pub(super) const REVEALED: f32 = 8.0;
-/// Precisions and variances are not taken for less.
+/// Lower limit of precisions and variances.
 const LEAST_PRECISION: f32 = 1e-4;
 const LEAST_VARIANCE: f32 = 1e-2;
 const LEAST_PHOTONS: f32 = 0.1;
-/// Keeps a quotient finite.
+/// Added to denominators to keep quotients finite.
 const EPSILON: f32 = 1e-3;
 
-/// Limits of the log odds under a prior: between steps, and claimed.
+/// Limits of the log odds under a prior: between steps, and of the output.
 pub(super) fn limits(prior_logit: f32) -> (f32, f32) {
     let state = STATE_LIMIT.max(prior_logit.abs() + 2.0);
     (state, state + CLAIM_MARGIN)
 }
 
-/// Pixels: clean photons expected, precision of the residual (1 / photons squared), and residual over variance.
+/// Arrays over pixels: expected clean photons, precision of the residual (1 / photons squared), and residual over
+/// variance.
 #[derive(Clone, Debug)]
 pub(super) struct Pixels {
     pub expected: Vec<f32>,
     pub precision: Vec<f32>,
     pub residual: Vec<f32>,
-    /// Residual over the sum of expected and found photons: bounded, so that a bead not yet found does not drown others.
+    /// Residual over the sum of expected and measured photons. It is bounded, so a bead not yet found does not mask
+    /// others.
     pub contrast: Vec<f32>,
 }
 
-/// The noise of a pixel: variance per photon and variance without photons.
+/// Noise of a pixel: variance per photon and variance without photons.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PixelVariance {
     pub per_photon: f32,
@@ -41,7 +43,7 @@ pub(super) struct PixelVariance {
 }
 
 impl PixelVariance {
-    /// Photons that make contrasts of a dark pixel small.
+    /// Photons added to the denominator of a contrast, so that contrasts of dark pixels stay small.
     fn floor(self) -> f32 {
         self.constant.sqrt() + LEAST_PHOTONS
     }
@@ -55,7 +57,7 @@ impl Pixels {
 }
 
 vectorised! {
-    /// Probabilities from logits where sites are free, else what is known of them; and their variances.
+    /// Probabilities and their variances: from logits at free sites, from the known values elsewhere.
     pub(super) fn probabilities<'a, fused FUSED>(
         free: &'a [f32],
         known: &'a [f32],
@@ -78,8 +80,8 @@ vectorised! {
 }
 
 vectorised! {
-    /// Expected photons, precision and weighted residual of every pixel; `pixels.expected` holds the blurred probabilities
-    /// and `pixels.precision` the blurred variances.
+    /// Computes expected photons, precision and weighted residual of every pixel. On entry `pixels.expected` holds
+    /// the blurred probabilities and `pixels.precision` the blurred variances.
     pub(super) fn residuals<'a>(noisy: &'a [f32], bias: f32, noise: PixelVariance, pixels: &'a mut Pixels) {
         let n = noisy.len();
         let Pixels { expected, precision, residual, contrast } = pixels;
@@ -99,8 +101,8 @@ vectorised! {
 }
 
 vectorised! {
-    /// Gradients by the blurred probabilities and variances, in place of those by residual and precision, from these and
-    /// the gradient by the contrast.
+    /// Replaces the gradients by residual and precision by those by the blurred probabilities and variances, from
+    /// these and the gradient by the contrast.
     pub(super) fn residuals_backward<'a>(
         noisy: &'a [f32],
         noise: PixelVariance,
@@ -125,7 +127,7 @@ vectorised! {
     }
 }
 
-/// What a step knows about the sites before its layers.
+/// Inputs of a step at the sites, before its layers.
 #[derive(Clone, Debug)]
 pub(super) struct Evidence {
     pub logits: Vec<f32>,
@@ -145,7 +147,7 @@ impl Evidence {
     }
 }
 
-/// Log likelihood ratio of a bead, all other sites as they are expected, as if noise were Gaussian.
+/// Log-likelihood ratio of a bead for Gaussian noise, with all other sites at their expected values.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "part of the vector loops below")]
 fn likelihood_ratio(gain: f32, precision: f32, probability: f32) -> f32 {
@@ -153,7 +155,8 @@ fn likelihood_ratio(gain: f32, precision: f32, probability: f32) -> f32 {
 }
 
 vectorised! {
-    /// The features of all sites, one array after the other. `per_light` is 1 / photons that a bead leaves on the patch.
+    /// Writes the features of all sites, one array after the other. `per_light` is 1 / photons that a bead leaves on
+    /// the patch.
     pub(super) fn features<'a, fused FUSED>(
         evidence: &'a Evidence,
         free: &'a [f32],
@@ -189,7 +192,7 @@ vectorised! {
     }
 }
 
-/// Gradients by what a step knows about the sites.
+/// Gradients by the inputs of a step ([`Evidence`]).
 #[derive(Clone, Debug)]
 pub(super) struct ByEvidence {
     pub logits: Vec<f32>,
@@ -197,7 +200,7 @@ pub(super) struct ByEvidence {
     pub gain: Vec<f32>,
     pub precision: Vec<f32>,
     pub contrast: Vec<f32>,
-    /// By the log likelihood ratio where it moves the logit.
+    /// By the log-likelihood ratio where it enters the logit.
     pub ratio: Vec<f32>,
 }
 
@@ -216,8 +219,8 @@ impl ByEvidence {
 }
 
 vectorised! {
-    /// Adds the gradients by logits and replaces those by probability, gain, precision and contrast, from those by features
-    /// and by the ratio.
+    /// Adds the gradients by logits and replaces those by probability, gain, precision and contrast. They follow from
+    /// the gradients by features and by the ratio.
     pub(super) fn features_backward<'a, fused FUSED>(
         evidence: &'a Evidence,
         per_light: &'a [f32],
@@ -252,12 +255,12 @@ vectorised! {
     }
 }
 
-/// How the layers move the logits: a level that is added, and a gate on the log likelihood ratio.
+/// Updates of the logits by the layers: an added level, and a gate on the log-likelihood ratio.
 #[derive(Clone, Debug)]
 pub(super) struct Moves {
     pub level: Vec<f32>,
     pub gate: Vec<f32>,
-    /// Log odds the step arrives at, before damping.
+    /// Log odds after the step, before damping.
     pub claimed: Vec<f32>,
 }
 
@@ -268,7 +271,7 @@ impl Moves {
 }
 
 vectorised! {
-    /// Log odds that the step claims, and those the next step starts from: halfway.
+    /// Computes the log odds of the step and those from which the next step starts, which lie halfway.
     pub(super) fn update<'a, fused FUSED>(
         evidence: &'a Evidence,
         prior: f32,
@@ -291,9 +294,9 @@ vectorised! {
 }
 
 vectorised! {
-    /// Gradient of [`update`]: `by.logits` holds the gradient by the next logits and gets that by the logits; `by_claimed`
-    /// holds the gradient by the claimed log odds from the loss. Writes gradients by level and gate in place of
-    /// `by_claimed` and `by_gate`, and by the ratio.
+    /// Gradient of [`update`]. On entry `by.logits` holds the gradient by the next logits; on return it holds that by
+    /// the logits. `by_claimed` holds the gradient of the loss by the log odds of the step. The gradients by level
+    /// and gate replace `by_claimed` and `by_gate`; the gradient by the ratio is written too.
     pub(super) fn update_backward<'a, fused FUSED>(
         evidence: &'a Evidence,
         moves: &'a Moves,
@@ -323,7 +326,7 @@ vectorised! {
 }
 
 vectorised! {
-    /// Code lengths of the free sites under the claimed log odds, nats, and `weight` times their gradients.
+    /// Code lengths of the free sites under the log odds of a step, nats, and `weight` times their gradients.
     pub(super) fn code_lengths<'a, fused FUSED>(
         beads: &'a [f32],
         free: &'a [f32],
@@ -349,8 +352,8 @@ vectorised! {
 }
 
 vectorised! {
-    /// Adds the gradients by a step's blurred images to those by probability, and takes them to the logits of free sites,
-    /// in place.
+    /// Adds the gradients by a step's blurred images to those by probability, then converts these to gradients by the
+    /// logits of free sites, in place.
     pub(super) fn probabilities_backward<'a>(
         free: &'a [f32],
         probability: &'a [f32],
@@ -388,7 +391,7 @@ pub(super) fn separate(inputs: &[[f32; INPUTS]], count: usize, first: usize, fea
     }
 }
 
-/// The hidden channels that the next step begins with: those of this step and what its layers add.
+/// Hidden channels at the start of the next step: those of this step plus the output of its layers.
 pub(super) fn carry(inputs: &[[f32; INPUTS]], outputs: &[[f32; OUTPUTS]], next: &mut [[f32; INPUTS]]) {
     // Not compiled for the widest vectors: the compiler would gather single channels of many sites.
     for (next, (input, output)) in next.iter_mut().zip(inputs.iter().zip(outputs)) {

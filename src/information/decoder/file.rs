@@ -1,22 +1,22 @@
-//! Weights in and out, as a safetensors file.
+//! Reading and writing of decoder weights as a safetensors file.
 
 use super::layers::Decoder;
 use crate::information::error::InformationError;
 use crate::nn::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
-/// Whose weights they are.
+/// Header of the file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/bead-decoder", version: 1 };
 
 impl Decoder {
-    /// The bytes of a safetensors file: weights by name, and the number of unrolled steps in its header.
+    /// The weights as bytes of a safetensors file: weights by name, and the number of unrolled steps in the header.
     ///
     /// # Errors
-    /// None for weights that were not shortened; see [`write_weights`].
+    /// None for weights of full length; see [`write_weights`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
         self.to_bytes_with(Vec::new())
     }
 
-    /// The same with more entries in its header.
+    /// As [`Decoder::to_bytes`], with more entries in the header.
     ///
     /// # Errors
     /// As [`Decoder::to_bytes`].
@@ -25,10 +25,10 @@ impl Decoder {
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
 
-    /// Reads what [`Decoder::to_bytes`] wrote.
+    /// Reads the bytes of [`Decoder::to_bytes`].
     ///
     /// # Errors
-    /// For bytes that are something else, of another shape or of a newer version.
+    /// For bytes of another format, another shape or a newer version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, InformationError> {
         let details = read_details(bytes, &HEADER)?;
         let unrolled = details.get("unrolled").map_or("nothing", String::as_str);

@@ -1,4 +1,4 @@
-//! The fit of a decoder to fresh samples of a channel.
+//! The fit of a decoder to new samples of a channel.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -17,29 +17,29 @@ use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, 
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
 
-/// Share of a budget that is kept for the test.
+/// Share of a budget reserved for the test.
 const TEST_SHARE: f64 = 0.06;
-/// Steps without finite numbers after which a fit is given up.
+/// Number of steps without finite numbers after which a fit fails.
 const MAX_REFUSED: usize = 30;
-/// Gradients longer than this many times their running mean are shortened to it.
+/// Gradients longer than this multiple of their running mean are shortened to it.
 const LONGEST: f64 = 2.0;
 /// Weight of a step in running means.
 const RUNNING: f64 = 0.02;
-/// Largest share of sites that is revealed in training, and how the share is spread: `u^EARLY`, u uniform.
+/// Largest share of sites revealed in training. The share is distributed as `u^EARLY`, u uniform.
 const MOST_REVEALED: f64 = 0.97;
 const EARLY: f64 = 1.5;
-/// Largest factor by which few remaining sites count more in training, before its root is taken.
+/// Largest training weight of samples with few remaining sites, before its root is taken.
 const HEAVIEST: f64 = 4.0;
 
-/// Names of what is kept of a fit besides its weights.
+/// Names of the checkpoint entries besides the weights.
 const MEAN_NORM: &str = "mean_norm";
 const SAVED: &str = "saved_per_site";
 const NANOSECONDS: &str = "nanoseconds";
 
-/// How a decoder is fitted and tested.
+/// Settings of the fit and the test of a decoder.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecoderFit {
-    /// What the decoder is given besides the measurement.
+    /// Inputs of the decoder besides the measurement.
     pub kind: DecoderKind,
     /// Unrolled steps.
     pub unrolled: usize,
@@ -55,23 +55,24 @@ pub struct DecoderFit {
     pub half_width: f64,
     /// Largest number of test samples.
     pub max_test: usize,
-    /// Seed of first weights, samples and test.
+    /// Seed of initial weights, samples and test.
     pub seed: u64,
 }
 
 impl DecoderFit {
-    /// Largest learning rate of a fit from first weights.
+    /// Largest learning rate of a fit from random weights.
     pub const RATE: f64 = 1e-2;
-    /// That of one which goes on from a fitted decoder: larger steps undo what it knows. By six unrolled steps the lower bound came out
-    /// 0.0004 to 0.0012 bits per pixel higher than by the other rate after 20 s, before four kinds of beads.
+    /// Largest learning rate of a fit from a fitted decoder; larger steps lose what that one has learned. With six
+    /// unrolled steps and 20 s the lower bound was 0.0004 to 0.0012 bits per pixel higher than with the other rate,
+    /// before four kinds of beads.
     pub const RATE_ON: f64 = 3e-3;
 
-    /// The default fit within a budget of time.
+    /// Default settings within a time budget.
     pub fn within(budget: Duration, kind: DecoderKind, seed: u64) -> Self {
         Self { budget: Some(budget), ..Self::of_steps(usize::MAX, kind, seed) }
     }
 
-    /// The default fit of a number of steps: equal seeds give equal bits, whatever the number of threads.
+    /// Default settings for a number of steps. Equal seeds give equal bits on any number of threads.
     pub fn of_steps(steps: usize, kind: DecoderKind, seed: u64) -> Self {
         Self {
             kind,
@@ -86,7 +87,7 @@ impl DecoderFit {
         }
     }
 
-    /// Refuses a fit that does nothing.
+    /// Checks that a fit takes steps.
     pub(super) fn check(&self) -> Result<(), InformationError> {
         let refuse = |expected, found: String| Err(InformationError::DecoderFit { expected, found });
         if !(1..=1024).contains(&self.batch) {
@@ -105,19 +106,19 @@ impl DecoderFit {
     }
 }
 
-/// Where a fit is; sent after every step and every few test samples.
+/// Progress of a fit; sent after every step and every few test samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecoderProgress {
     /// Training steps taken.
     pub step: usize,
     /// Time since the start.
     pub elapsed: Duration,
-    /// Time left for the fit, where it can be told; the test follows.
+    /// Estimated time left for the fit, where known; the test comes after it.
     pub remaining: Option<Duration>,
-    /// Bits per pixel that the decoder saves on the training samples of late, on sites with as many others revealed as
-    /// in training; it settles near the bound.
+    /// Running mean of the information gain over the prior on recent training samples, bits per pixel. Training
+    /// reveals as many other sites. It converges near the bound.
     pub training_bits: f64,
-    /// Test samples scored, once the fit is over.
+    /// Test samples scored, after the fit.
     pub tested: Option<usize>,
 }
 
@@ -130,21 +131,21 @@ pub(super) struct Run<'a> {
     course: Course,
 }
 
-/// How far a fit has come.
+/// Progress and optimizer state of a fit.
 struct Course {
     mover: Mover,
     steps: usize,
     saved_per_site: f64,
 }
 
-/// A fit of a number of steps that is done part by part: each part takes samples of the channel as it is by then.
+/// A fit of a number of steps, done in parts. Each part uses samples of the channel at that time.
 pub struct DecoderRefit {
     fit: DecoderFit,
     decoder: Decoder,
     course: Course,
 }
 
-/// Moves the weights of a decoder by gradients that are shortened where they are unusually long.
+/// Optimizer of the weights of a decoder; shortens gradients that are unusually long.
 pub(super) struct Mover {
     optimizer: Optimizer,
     moved: usize,
@@ -160,11 +161,11 @@ impl Mover {
         Self { optimizer, moved: 0, refused: 0, mean_norm: 0.0 }
     }
 
-    /// One step of `rate` against the gradient in `unit`s; tells whether there was one: a gradient without finite numbers
-    /// makes none.
+    /// Takes one step of `rate` against the gradient in `unit`s; returns whether it did. A gradient without finite
+    /// numbers is skipped.
     ///
     /// # Errors
-    /// Where that has happened too often.
+    /// Where too many were skipped.
     pub fn step(
         &mut self,
         decoder: &mut Decoder,
@@ -197,12 +198,12 @@ impl Course {
         Self { mover: Mover::new(decoder), steps: 0, saved_per_site: 0.0 }
     }
 
-    /// Share of the steps of a fit that is over.
+    /// Share of the steps of a fit that are done.
     fn share(&self, fit: &DecoderFit) -> f64 {
         self.steps as f64 / fit.steps.max(1) as f64
     }
 
-    /// One step on fresh samples of a scene.
+    /// Takes one step on new samples of a problem.
     fn step(
         &mut self,
         fit: &DecoderFit,
@@ -224,7 +225,7 @@ impl Course {
         Ok(())
     }
 
-    /// Keeps where the fit of a decoder stands after `elapsed` in all.
+    /// Writes the checkpoint of the fit of a decoder after `elapsed` in all.
     fn keep(&self, keeper: &dyn FitCheckpoint, decoder: &Decoder, elapsed: Duration) -> Result<(), InformationError> {
         let Mover { optimizer, refused, mean_norm, .. } = &self.mover;
         let details = vec![
@@ -236,7 +237,7 @@ impl Course {
         keeper.store(&fit_to_bytes(keeper.key(), &numbers, (self.steps, *refused), details)?)
     }
 
-    /// Goes on from what is kept of the same fit, if anything; returns the time that was taken for it.
+    /// Resumes from the checkpoint of the same fit, if there is one; returns its elapsed time.
     fn restore(&mut self, keeper: &dyn FitCheckpoint, decoder: &mut Decoder) -> Result<Duration, InformationError> {
         let Some(kept) = restore_fit(keeper, &mut decoder.weights, &mut self.mover.optimizer)? else {
             return Ok(Duration::ZERO);
@@ -251,16 +252,17 @@ impl Course {
 }
 
 impl DecoderRefit {
-    /// Begins a fit of its number of steps from the weights of a decoder.
+    /// Starts a fit of its number of steps from the weights of a decoder.
     ///
     /// # Errors
-    /// For what is no fit.
+    /// For an invalid fit.
     pub fn new(fit: DecoderFit, start: &Decoder) -> Result<Self, InformationError> {
         fit.check()?;
         Ok(Self { fit, decoder: start.clone(), course: Course::new(start) })
     }
 
-    /// Goes on up to so many steps in all, on samples of a channel; `watch` hears of every step and answers whether to go on.
+    /// Advances to a total number of steps on samples of a channel. `watch` is called after every step and returns
+    /// whether to continue.
     ///
     /// # Errors
     /// As [`decoder_lower_bound`](super::decoder_lower_bound).
@@ -295,7 +297,8 @@ impl DecoderRefit {
 }
 
 impl<'a> Run<'a> {
-    /// A fit from the weights of a decoder, or from what is kept of the same fit, whose weights the decoder gets then.
+    /// A fit from the weights of a decoder, or from the checkpoint of the same fit, whose weights then replace those
+    /// of the decoder.
     pub fn new(
         fit: &'a DecoderFit,
         scene: &'a Problem,
@@ -307,7 +310,7 @@ impl<'a> Run<'a> {
         Ok(Self { fit, scene, keeper, watch: Stopwatch::after(before.unwrap_or_default()), course })
     }
 
-    /// All steps; the decoder gets the averaged weights. Returns the number of steps.
+    /// Takes all steps and gives the decoder the averaged weights. Returns the number of steps.
     pub fn train(
         &mut self,
         decoder: &mut Decoder,
@@ -335,12 +338,12 @@ impl<'a> Run<'a> {
         Ok(self.course.steps)
     }
 
-    /// Time for the fit so far.
+    /// Time of the fit so far.
     pub fn elapsed(&self) -> Duration {
         self.watch.elapsed()
     }
 
-    /// Share of the schedule that is over.
+    /// Share of the schedule that is done.
     fn done(&self) -> f64 {
         match self.fit.budget {
             Some(budget) => self.elapsed().as_secs_f64() / (budget.as_secs_f64() * (1.0 - TEST_SHARE)).max(1e-9),
@@ -348,7 +351,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What there is to tell now.
+    /// The present progress.
     pub fn progress(&self, tested: Option<usize>) -> DecoderProgress {
         let (elapsed, done) = (self.elapsed(), self.done());
         let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 / done - 1.0).max(0.0));
@@ -363,7 +366,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// How many sites a training sample reveals, and its weight.
+/// Number of sites that a training sample reveals, and its weight.
 pub(super) fn revealed_in_training(sites: usize, random: &mut ChaCha8Rng) -> Reveal {
     let share = random.random::<f64>().powf(EARLY).min(MOST_REVEALED);
     let count = ((share * sites as f64) as usize).min(sites.saturating_sub(1));

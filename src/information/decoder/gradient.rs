@@ -1,4 +1,4 @@
-//! Samples through the decoder on all threads, with results that do not depend on their number.
+//! Decoding of samples on all threads, with results that do not depend on their number.
 
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -9,16 +9,16 @@ use super::problem::Problem;
 use super::samples::{Purpose, Reveal};
 use crate::nn::{Pool, ordered_sum};
 
-/// What one sample told.
+/// Result of one sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::information) struct Outcome {
-    /// Bits that the decoder saves over the prior on the sites it predicts, times the weight of the sample.
+    /// Information gain over the prior at the predicted sites, bits, times the weight of the sample.
     pub saved_bits: f64,
     /// The same per predicted site, without the weight.
     pub saved_bits_per_site: f64,
 }
 
-/// Memory of the threads, kept from step to step.
+/// Memory of the threads, reused from step to step.
 pub(in crate::information) struct Passes<'a> {
     scene: &'a Problem,
     steps: usize,
@@ -29,15 +29,15 @@ pub(in crate::information) struct Passes<'a> {
 }
 
 impl<'a> Passes<'a> {
-    /// For decoders like this one.
+    /// Memory for decoders of this shape.
     pub fn new(scene: &'a Problem, decoder: &Decoder) -> Self {
         let gradient = vec![0.0; decoder.layout.count()];
         Self { scene, steps: decoder.unrolled(), free: Pool::default(), parts: Vec::new(), gradient }
     }
 
-    /// The gradient of a batch of fresh training samples, numbered from `first`, in [`Passes::gradient`].
+    /// Writes the gradient of a batch of new training samples, numbered from `first`, to [`Passes::gradient`].
     ///
-    /// `reveal` chooses what is revealed; its weight is that of the sample in the loss.
+    /// `reveal` chooses the revealed sites; its weight is that of the sample in the loss.
     pub fn train(
         &mut self,
         decoder: &Decoder,
@@ -64,7 +64,7 @@ impl<'a> Passes<'a> {
         outcomes
     }
 
-    /// Decodes fresh test samples, numbered from `first`; `reveal` gets the place in this call besides.
+    /// Decodes new test samples, numbered from `first`. `reveal` also gets the place of the sample in this call.
     pub fn test(
         &self,
         decoder: &Decoder,
@@ -81,7 +81,7 @@ impl<'a> Passes<'a> {
         decoded.collect()
     }
 
-    /// Does work with the memory of a thread.
+    /// Runs `work` with the memory of a thread.
     pub fn lend<T>(&self, work: impl FnOnce(&mut Pass<'a>) -> T) -> T {
         lend(&self.free, self.scene, self.steps, work)
     }

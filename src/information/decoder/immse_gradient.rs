@@ -1,10 +1,10 @@
-//! How the information about beads changes with the light that they leave on the sensor.
+//! I-MMSE gradient: derivative of the information about beads by the light that they leave on the sensor.
 //!
-//! A little more light in one pixel changes the information by `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman
-//! 2012; for vectors Wang et al. 2014) and by `E[(x - E[x | y]) / sigma^2] / ln 2` under read noise (Palomar and Verdu 2006),
-//! x the clean photons of the pixel. Both rest on the mean of the clean measurement given the noisy one and on nothing else,
-//! and that mean needs the probability of a bead at each site alone, which a decoder claims. Under both noises the photons
-//! are taken for Poisson counts with sigma^2 more, as their variance has it.
+//! Let x be the clean photons of one pixel. A little more light there changes the information by `E[log2(x / E[x |
+//! y])]` under shot noise (Atar and Weissman 2012; for vectors Wang et al. 2014). Under read noise it changes by
+//! `E[(x - E[x | y]) / sigma^2] / ln 2` (Palomar and Verdu 2006). Both depend only on the mean of the clean
+//! measurement given the noisy one. That mean needs only the probability of a bead at each site, which a decoder
+//! estimates. With both noises the photons count as Poisson with sigma^2 more, which has the same variance.
 
 use ndarray::{Array3, ArrayView4};
 use rayon::prelude::*;
@@ -17,18 +17,18 @@ use super::samples::{Purpose, Reveal};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// Slope of the information by every pixel of the channel's spot (planes, rows, cols), bits per pixel of the patch and photon:
-/// the mean over `count` fresh samples, numbered from `first`. It is exact where the decoder's probabilities are those of the
-/// posterior.
+/// Gradient of the information by every pixel of the channel's spot (planes, rows, cols), bits per pixel of the patch
+/// and photon. It is the mean over `count` new samples, numbered from `first`. It is exact where the decoder's
+/// probabilities are those of the posterior.
 ///
 /// # Errors
-/// For what is no channel.
+/// For an invalid channel.
 pub fn bead_response_gradient(
     channel: &BeadChannel,
     decoder: &Decoder,
     (seed, first, count): (u64, usize, usize),
 ) -> Result<Array3<f64>, InformationError> {
-    // Where the spot is dark it may become bright.
+    // Dark pixels of the spot also have a gradient.
     let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
     let seen: Vec<(Vec<f32>, Vec<f32>)> = (0..count)
@@ -64,7 +64,7 @@ pub fn bead_response_gradient(
         slopes.extend(sloped);
     }
     let sites = (count, scene.sites.images, scene.sites.rows, scene.sites.cols);
-    // All have the shapes of the scene, so these fit.
+    // All have the shapes of the problem, so these fit.
     let no_light = |_| InformationError::NoLight;
     let beads = ArrayView4::from_shape(sites, &beads).map_err(no_light)?;
     let slopes = Array3::from_shape_vec((count, scene.patch.0, scene.patch.1), slopes).map_err(no_light)?;
@@ -72,8 +72,8 @@ pub fn bead_response_gradient(
     Ok(by_spot / (count * scene.pixels()).max(1) as f64)
 }
 
-/// Bits that one more photon of clean light tells, where `clean` photons are there and `mean` are expected from what was
-/// measured.
+/// Derivative of the information by one photon of clean light, bits, at `clean` photons. `mean` is their expectation
+/// given the measurement.
 fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     let variance = noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
     if noise.has_shot_noise() {
@@ -83,10 +83,10 @@ fn pixel_slope(clean: f64, mean: f64, noise: Noise) -> f64 {
     }
 }
 
-/// Photons are not taken for fewer.
+/// Lower limit of photons.
 const LEAST: f64 = 1e-3;
 
-/// The larger of both. What is no number stays none, so that whoever takes the slope hears of it.
+/// The larger of both. NaN stays NaN, so the caller of the gradient notices it.
 fn at_least(value: f64, least: f64) -> f64 {
     if value < least { least } else { value }
 }
@@ -105,7 +105,8 @@ mod tests {
     const BIAS: f64 = 6.0;
     const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 5.0 }, Noise::ShotRead { sigma: 2.0 }];
 
-    /// What each of the four objects leaves on one pixel, and how probable it is; two sites that light it differently.
+    /// Light of each of the four objects on one pixel, and its probability; two sites that light the pixel
+    /// differently.
     fn objects(spot: [f64; 2]) -> [(f64, f64, [f64; 2]); 4] {
         [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(|beads| {
             let chance = |bead: f64| if bead > 0.0 { PROBABILITY } else { 1.0 - PROBABILITY };
@@ -113,7 +114,7 @@ mod tests {
         })
     }
 
-    /// What can be measured, and the density of each value where `clean` photons are expected.
+    /// Possible measurements, and the density of each where `clean` photons are expected.
     fn outcomes(noise: Noise) -> (Vec<f64>, f64, impl Fn(f64, f64) -> f64) {
         let poisson = |count: usize, mean: f64| {
             let log: f64 = (1..=count).map(|k| (mean / k as f64).ln()).sum();
@@ -146,7 +147,7 @@ mod tests {
         bits
     }
 
-    /// The slopes by the rule of this module, with the posterior summed over all objects.
+    /// The gradients by the rule of this module, with the posterior summed over all objects.
     fn exact_slopes(spot: [f64; 2], noise: Noise) -> [f64; 2] {
         let (values, step, density) = outcomes(noise);
         let mut slopes = [0.0; 2];

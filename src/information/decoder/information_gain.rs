@@ -1,14 +1,15 @@
-//! What a decoder is worth on fresh samples.
+//! Information gain of a decoder over the prior on new samples.
 //!
-//! The prior code length of the drawn beads has a known mean, so the difference of the two code lengths of each sample
-//! has the mean of the bound and varies far less than the decoder's code length alone.
+//! The prior code length of the drawn beads has a known mean. The difference of the two code lengths of each sample
+//! therefore has the mean of the bound. It varies far less than the decoder's code length alone.
 //!
-//! The autoregressive decoder predicts sites in random order, each given those before it. The mean code length over
-//! orders is that over k, uniform from 0 to D - 1, of D / (D - k) times the code length of all D - k sites that follow k
-//! revealed ones. Late k have few sites and large weights, so k is drawn with a probability near that of least variance,
-//! proportional to (1 - k / D)^(-1/2), evenly spread over each block of samples, and weighted by its inverse. Since the
-//! spread takes the differences between early and late k out of the error, that is estimated from the differences of
-//! neighbours in the spread, which is a little too large rather than too small (collapsed strata; Cochran 1977, 5A.12).
+//! The autoregressive decoder predicts sites in random order, each given those before it. Its mean code length over
+//! orders is a mean over k, uniform from 0 to D - 1. The term of k is D / (D - k) times the code length of all D - k
+//! sites given k revealed ones. Late k have few sites and large weights. So k is drawn with a probability near that
+//! of least variance, proportional to (1 - k / D)^(-1/2). It is evenly spread over each block of samples and weighted
+//! by its inverse. The spread removes the differences between early and late k from the error. The error is estimated
+//! from the differences of neighbours in the spread; it is a little too large rather than too small (collapsed
+//! strata; Cochran 1977, 5A.12).
 
 use std::ops::{ControlFlow, Range};
 
@@ -23,7 +24,7 @@ use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
 
-/// Samples that are spread evenly over k.
+/// Samples per block, evenly spread over k.
 const BLOCK: usize = 256;
 /// Samples between two reports.
 const REPORT: usize = 16;
@@ -48,7 +49,7 @@ impl InformationGain {
         (mean, NORMAL_95 * square.sqrt() / count)
     }
 
-    /// Scores one more block of fresh samples; `on_scored` hears of every few of them and may break off.
+    /// Scores one more block of new samples. `on_scored` is called every few samples and may cancel.
     ///
     /// # Errors
     /// [`InformationError::Cancelled`] where it does.
@@ -71,7 +72,7 @@ impl InformationGain {
     }
 }
 
-/// The savings of some of the test samples, each `block` of them spread evenly over k.
+/// Information gain of some of the test samples, each `block` of them spread evenly over k.
 fn scored(
     scene: &Problem,
     passes: &Passes<'_>,
@@ -88,14 +89,15 @@ fn scored(
     outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
 }
 
-/// What a decoder as it is saves over the prior on a range of the fresh test samples of a seed, bits per pixel each. Their mean
-/// is a lower bound once all of a multiple of `block` are there, which spreads evenly over the orders in which sites are told (from 64 on
-/// its interval is no wider for that; [`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
+/// Information gain of a decoder over the prior on a range of the test samples of a seed, bits per pixel each. A
+/// multiple of `block` samples is spread evenly over the orders of revealed sites; their mean is a lower bound. From
+/// 64 on the spread does not widen the interval
+/// ([`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
 ///
 /// # Errors
-/// For what is no channel; cancelled where `go_on`, which is asked every few samples, says so.
+/// For an invalid channel; cancelled where `go_on` returns false, which is called every few samples.
 //
-// Beads are drawn at all sites of the whole spot, however much of it is dark, so that masks on one grid are asked for the same ones.
+// Beads are drawn at all sites of the whole spot, dark or not, so that masks on one grid are tested on the same ones.
 pub fn decoder_information(
     decoder: &Decoder,
     channel: &BeadChannel,
@@ -116,16 +118,16 @@ pub fn decoder_information(
     Ok(savings)
 }
 
-/// How much more is saved on the same samples after a change than before, bits per pixel, and half the width of the 95 % interval of
-/// that: what both find hard or easy alike is no error of the difference.
+/// Mean increase of the information gain on the same samples after a change, bits per pixel, and half the width of
+/// its 95 % interval. Variation that both share drops out of the difference.
 pub fn paired_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
     InformationGain(before.iter().zip(after).map(|(before, after)| after - before).collect()).mean_and_half_width()
 }
 
-/// The number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
+/// Number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
 fn stratum(sites: usize, (place, block): (usize, usize), random: &mut ChaCha8Rng) -> Reveal {
     if sites == 0 {
-        // Nothing is decoded, and nothing is saved.
+        // Nothing is decoded, so there is no gain.
         return Reveal::Random { count: 0, weight: 0.0 };
     }
     let all = sites as f64;

@@ -4,11 +4,11 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// What a decoder is given besides the measurement. The serialised names are stable.
+/// Inputs of a decoder besides the measurement. The serialised names are stable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DecoderKind {
-    /// Nothing: every site has a probability of its own.
+    /// Nothing: every site has its own probability.
     Factorised,
     /// The sites before it, in random order.
     Autoregressive,

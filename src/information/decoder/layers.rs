@@ -1,18 +1,18 @@
-//! The weights of the decoder and where they lie.
+//! Layers of the decoder and the places of their weights.
 
 use std::ops::Range;
 
 use crate::information::error::InformationError;
 use crate::nn::{Initial, PaddedImages, ParameterLayout, Window};
 
-/// Channels that a site keeps from step to step, and numbers it is told in every step.
+/// Channels that a site carries from step to step; below, the number of its features in every step.
 pub(in crate::information) const HIDDEN: usize = 16;
 pub(in crate::information) const FEATURES: usize = 8;
-/// Numbers that a step starts from.
+/// Inputs of a step per site.
 pub(in crate::information) const INPUTS: usize = HIDDEN + FEATURES;
-/// Numbers a step ends with: changes of the hidden channels, two that move the logit, and padding.
+/// Outputs of a step per site: changes of the hidden channels, two updates of the logit, and padding.
 pub(in crate::information) const OUTPUTS: usize = HIDDEN + 8;
-/// Most unrolled steps.
+/// Largest number of unrolled steps.
 const MAX_STEPS: usize = 32;
 
 /// Places of the weights of one unrolled step.
@@ -28,7 +28,7 @@ pub(in crate::information) struct StepLayers {
     pub heads: (Range<usize>, Range<usize>),
 }
 
-/// A trained decoder. Its weights belong to no channel: one that was fitted to a design is a good start for the next.
+/// A trained decoder. Its weights belong to no channel: a decoder fitted to one design is a good start for the next.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     pub(in crate::information) steps: Vec<StepLayers>,
@@ -37,12 +37,13 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Unrolled steps of the decoder of the program, which serves bounds at once and runs.
+    /// Unrolled steps of the pretrained decoder, which serves immediate bounds and runs.
     pub const UNROLLED: usize = 6;
-    /// Those of the one that brackets begin with: it tells more, and takes longer for each scene.
+    /// Unrolled steps of the decoder that brackets start from. Its bound is tighter and takes longer for each
+    /// problem.
     pub const DEEP: usize = 8;
 
-    /// A decoder of `steps` unrolled steps with first weights.
+    /// A decoder of `steps` unrolled steps with random weights.
     ///
     /// # Errors
     /// For no steps, or more than 32.
@@ -79,8 +80,8 @@ impl Decoder {
         Ok(Self { steps, layout, weights })
     }
 
-    /// The same with more unrolled steps, `steps` in all: the last but one is taken several times. As it is it knows less; a short fit
-    /// makes it know more.
+    /// This decoder with more unrolled steps, `steps` in all: the last but one is repeated. Without a fit its bound
+    /// is looser; a short fit tightens it.
     ///
     /// # Errors
     /// For fewer steps than there are, or more than 32.

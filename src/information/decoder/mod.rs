@@ -1,10 +1,10 @@
-//! Lower bounds on the information about beads: what a trained decoder can tell of them from a measurement.
+//! Lower bounds on the information about beads, by a trained decoder.
 //!
-//! For any conditional distribution q of objects given measurements, `I(O; Y) >= H(O) - E[-log2 q(o | y)]` (Barber and
-//! Agakov 2003). Object pixels hold a bead independently with probability p, so `H(O)` is known, and only those whose
-//! light reaches the patch count. The decoder is an unrolled iteration: from its current probabilities it predicts mean
-//! and variance of every pixel, takes the residual back to the object pixels, and lets a small convolutional network
-//! correct its logits.
+//! For any conditional distribution q of objects given measurements, `I(O; Y) >= H(O) - E[-log2 q(o | y)]` (Barber
+//! and Agakov 2003). Object pixels hold a bead independently with probability p, so `H(O)` is known. Only object
+//! pixels whose light reaches the patch count. The decoder is an unrolled iteration. From its current probabilities
+//! it predicts mean and variance of every pixel and back-projects the residual to the object pixels. A small
+//! convolutional network then corrects its logits.
 
 pub(in crate::information) mod bound;
 pub(in crate::information) mod channel;

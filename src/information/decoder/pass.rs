@@ -1,4 +1,4 @@
-//! One sample through all unrolled steps, forwards and backwards.
+//! Forward and backward pass of one sample through all unrolled steps.
 
 use super::features::{ByEvidence, Evidence, Moves, PixelVariance, Pixels, REVEALED};
 use super::features::{
@@ -14,7 +14,7 @@ use crate::sensor::BlurWorkspace;
 /// Weight of the code length of every step before the last in the loss.
 const EARLIER_STEPS: f32 = 0.1;
 
-/// What the backward pass needs of one step.
+/// Values of one step that the backward pass needs.
 struct Kept {
     evidence: Evidence,
     pixels: Pixels,
@@ -95,7 +95,7 @@ impl<'a> Pass<'a> {
         self.sample.free.iter().filter(|&&free| free > 0.0).count()
     }
 
-    /// Code length of the free sites when nothing but their probability is known, bits.
+    /// Code length of the free sites under the prior, bits.
     pub fn prior_bits(&self) -> f64 {
         self.sample.prior_bits(self.scene.probability)
     }
@@ -115,7 +115,7 @@ impl<'a> Pass<'a> {
         self.nats.iter().map(|&nats| f64::from(nats)).sum::<f64>() / std::f64::consts::LN_2
     }
 
-    /// Log odds that the last step claims for every site; call [`Pass::forward`] first.
+    /// Log odds of every site after the last step; call [`Pass::forward`] first.
     pub fn claimed(&self) -> &[f32] {
         self.kept.last().map_or(&[], |kept| &kept.moves.claimed)
     }
@@ -139,20 +139,20 @@ impl<'a> Pass<'a> {
             None => (None, None),
         };
         layers.forward(&self.features, activations, moves, next_inputs, &mut self.layers);
-        // What the last step would hand on is not used.
+        // The next logits of the last step are not used.
         let next_logits = next_logits.unwrap_or(&mut self.variance);
         update(evidence, scene.prior_logit(), moves, next_logits);
     }
 
-    /// Code lengths of the free sites after a step, and `weight` times their gradients by its claims.
+    /// Code lengths of the free sites after a step, and `weight` times their gradients by its log odds.
     fn score(&mut self, step: usize, weight: f32) {
         let (sample, prior) = (&self.sample, self.scene.prior_logit());
         let claimed = &self.kept[step].moves.claimed;
         code_lengths(&sample.beads, &sample.free, prior, weight, claimed, &mut self.nats, &mut self.by_claimed);
     }
 
-    /// Adds the gradient by the weights of `weight` times the loss (code length of the last step and a tenth of that of
-    /// the earlier ones, nats) to `gradient`; call [`Pass::forward`] first.
+    /// Adds `weight` times the gradient of the loss by the weights to `gradient`; call [`Pass::forward`] first. The
+    /// loss is the code length of the last step plus a tenth of that of the earlier ones, nats.
     pub fn backward(&mut self, decoder: &Decoder, weights: &[f32], weight: f32, gradient: &mut [f32]) {
         let last = self.kept.len() - 1;
         self.layers.by_inputs.fill(0.0);
@@ -257,7 +257,7 @@ mod tests {
         let scene = scene(Noise::Shot);
         let mut decoder = Decoder::new(1, 2).unwrap();
         decoder.weights.fill(0.0);
-        // A gate that is shut leaves the prior.
+        // A closed gate leaves the prior.
         let gate = decoder.steps[0].heads.1.start + 1;
         decoder.weights[gate] = -80.0;
         let mut pass = Pass::new(&scene, 1);

@@ -1,4 +1,4 @@
-//! First weights that serve many encoders and scenes.
+//! Pretrained weights for many encoders and scenes.
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
@@ -15,41 +15,42 @@ use super::problem::Problem;
 use crate::information::error::InformationError;
 use crate::nn::learning_rate_factor;
 
-/// Those that come with the program.
+/// The pretrained weights of the program.
 const SHIPPED: &[u8] = include_bytes!("../../../assets/first_decoder.safetensors");
 const DEEP: &[u8] = include_bytes!("../../../assets/bracket_decoder.safetensors");
-/// Channels in use at a time, and steps until they make room for others.
+/// Channels in use at a time, and steps after which they are replaced.
 const CHANNELS: usize = 16;
 const STEPS: usize = 256;
 /// Samples of one step.
 const BATCH: usize = 2;
 
-/// How far a fit to many channels has come.
+/// Progress of a fit to many channels.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct DecoderPretrainProgress {
     /// Steps so far.
     pub steps: usize,
     /// Channels so far.
     pub channels: u64,
-    /// Bits per pixel that the decoder saves of late, mean over channels with others revealed.
+    /// Running mean of the information gain over channels with other sites revealed, bits per pixel.
     pub saved_bits: f64,
     /// Time so far.
     pub elapsed: Duration,
 }
 
-/// Hears of every step, gets what makes the decoder as it would be if the fit ended there, and answers whether to go on.
+/// Callback after every step. It receives the progress and a function that makes the decoder as if the fit ended
+/// there, and returns whether to continue.
 pub type OnDecoderPretrainStep<'a> =
     &'a mut dyn FnMut(&DecoderPretrainProgress, &dyn Fn() -> Decoder) -> ControlFlow<()>;
 
 impl Decoder {
-    /// The decoder whose weights come with the program, fitted to beads through many encoders; none where the program was
-    /// built without weights that fit this version.
+    /// The pretrained decoder, fitted to beads through many encoders; `None` where the program was built without
+    /// weights of this version.
     pub fn shipped() -> Option<&'static Self> {
         static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(SHIPPED, Decoder::UNROLLED));
         DECODER.as_ref()
     }
 
-    /// The same of [`Decoder::DEEP`] unrolled steps, for fits that have the time.
+    /// The pretrained decoder with [`Decoder::DEEP`] unrolled steps, for longer fits.
     pub fn shipped_deep() -> Option<&'static Self> {
         static DECODER: LazyLock<Option<Decoder>> = LazyLock::new(|| Decoder::of_program(DEEP, Decoder::DEEP));
         DECODER.as_ref()
@@ -59,11 +60,11 @@ impl Decoder {
         Self::from_bytes(bytes).ok().filter(|decoder| decoder.unrolled() == unrolled)
     }
 
-    /// Fits a decoder for so long to many channels at once, with others revealed as an autoregressive decoder has them;
-    /// `channel` makes them by their number, `rate` is the largest learning rate.
+    /// Fits a decoder for a given time to many channels at once, with other sites revealed as for an autoregressive
+    /// decoder. `channel` makes a channel from its number; `rate` is the largest learning rate.
     ///
     /// # Errors
-    /// Where a channel is none or numbers stay infinite; when `on_progress` cancels.
+    /// Where a channel is invalid or numbers stay infinite; when `on_progress` cancels.
     pub fn fit_generally(
         &mut self,
         channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
@@ -90,7 +91,7 @@ impl Decoder {
                 let (scene, passes) = (&scenes[chosen], &mut passes[chosen]);
                 let draws = (random.random(), 0, BATCH);
                 let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
-                // Sparse scenes have less to tell; without this they would count for less.
+                // Sparse objects hold less information; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
                 if !mover.step(self, &passes.gradient, prior, rate * learning_rate_factor(done))? {
                     continue;

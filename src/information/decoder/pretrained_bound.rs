@@ -1,4 +1,4 @@
-//! A bound at once, without a fit.
+//! Lower bound by the pretrained decoder, without a fit.
 
 use std::ops::ControlFlow;
 
@@ -12,23 +12,23 @@ use super::kind::DecoderKind;
 use super::layers::Decoder;
 use crate::information::error::InformationError;
 
-/// A bound from below by a decoder as it is, without any fit.
+/// A lower bound by a decoder without any fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PretrainedLowerBound {
     /// Bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// 95 % interval over fresh samples.
     pub interval_95: [f64; 2],
-    /// Samples behind it.
+    /// Number of samples.
     pub samples: usize,
 }
 
 impl PretrainedLowerBound {
-    /// Tests the decoder that comes with the program on at most so many samples, or until half the width of the interval (bits per pixel) is this
-    /// small; none where the program has no decoder.
+    /// Tests the pretrained decoder on at most this number of samples. Stops early once half the width of the
+    /// interval (bits per pixel) is small enough. `None` where the program has no decoder.
     ///
     /// # Errors
-    /// As [`decoder_lower_bound`]; cancelled where `go_on` says so.
+    /// As [`decoder_lower_bound`]; cancelled where `go_on` returns false.
     pub fn new(
         channel: &BeadChannel,
         (samples, half_width): (usize, f64),
@@ -48,7 +48,7 @@ impl PretrainedLowerBound {
         Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
     }
 
-    /// The bound that [savings](super::decoder_information) make.
+    /// The bound from the [information gains](super::decoder_information) of samples.
     pub fn of_savings(savings: Vec<f64>) -> Self {
         let savings = InformationGain(savings);
         let (mean, half_width) = savings.mean_and_half_width();

@@ -1,4 +1,4 @@
-//! A channel made ready: which object pixels are decoded, and the blurs that connect them with the patch.
+//! The decoding problem of a channel: the decoded object pixels, and the blurs that connect them with the patch.
 
 use ndarray::Array3;
 
@@ -8,14 +8,14 @@ use crate::information::statistics::area_sums::AreaSums;
 use crate::nn::PaddedImages;
 use crate::sensor::{Convolution, Convolver, Noise};
 
-/// Squared photons per photon of variance below which a bead is not worth decoding: it tells less than 2e-6 bit.
+/// Squared photons per photon of variance below which a bead is not decoded: its information is below 2e-6 bit.
 const LEAST_SEPARATION: f64 = 1e-4;
-/// Share of a spot's energy that the patch must see at least, whatever the variance.
+/// Smallest share of a spot's energy on the patch for a decoded site, whatever the variance.
 const LEAST_SHARE: f64 = 1e-12;
-/// Share of the light of the brightest site below which that of another is not trusted.
+/// Smallest light of a decoded site, as a share of the brightest one's.
 const LEAST_LIGHT: f32 = 1e-4;
 
-/// What does not change between the samples of a channel. Sites are object pixels, in the order (planes, rows, cols).
+/// Parts of a channel that all samples share. Sites are object pixels, in the order (planes, rows, cols).
 pub(in crate::information) struct Problem {
     /// Planes, and rows and columns of each: all object pixels whose spot overlaps the patch.
     pub sites: PaddedImages,
@@ -33,8 +33,8 @@ pub(in crate::information) struct Problem {
     pub squared: Convolver,
     /// 1 / photons that a bead at the site leaves on the patch; 0 for sites that are not decoded.
     pub per_light: Vec<f32>,
-    /// Indices of the sites that are decoded. The light of the others is drawn, but nothing is claimed about them, which
-    /// can only lower the bound.
+    /// Indices of the decoded sites. The others also emit light, but the decoder does not predict them, which can
+    /// only lower the bound.
     pub decoded: Vec<usize>,
 }
 
@@ -42,7 +42,7 @@ impl Problem {
     /// Plans the transforms of a channel.
     ///
     /// # Errors
-    /// As [`super::decoder_lower_bound`] for what is no channel.
+    /// As [`super::decoder_lower_bound`] for an invalid channel.
     pub fn new(channel: &BeadChannel) -> Result<Self, InformationError> {
         Self::of(channel, channel.checked_spot()?)
     }
@@ -74,7 +74,7 @@ impl Problem {
         let light = convolver(&spot)?;
         let mut on_patch = vec![0.0; sites];
         light.blur_transposed(&vec![1.0; patch.0 * patch.1], &mut on_patch, &mut light.blur_workspace());
-        // Of a site at the edge rounding leaves nothing but crumbs.
+        // The light of a site at the edge may be rounding residue only.
         let least = LEAST_LIGHT * on_patch.iter().copied().fold(0.0, f32::max);
         let mut per_light = vec![0.0; sites];
         for &site in &decoded {
@@ -103,13 +103,13 @@ impl Problem {
         self.patch.0 * self.patch.1
     }
 
-    /// Entropy of a site before anything is measured, nats.
+    /// Prior entropy of a site, nats.
     pub fn prior_nats(&self) -> f64 {
         let p = self.probability;
         -p * p.ln() - (1.0 - p) * (1.0 - p).ln()
     }
 
-    /// Log odds of a bead before anything is measured.
+    /// Prior log odds of a bead.
     pub fn prior_logit(&self) -> f32 {
         (self.probability / (1.0 - self.probability)).ln() as f32
     }

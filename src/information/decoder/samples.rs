@@ -1,4 +1,4 @@
-//! Fresh beads and measurements of a channel, each from random streams of its own.
+//! New beads and measurements of a channel, each from its own random streams.
 
 use ndarray::ArrayView3;
 use rand::{RngExt, SeedableRng};
@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::problem::Problem;
 use crate::sensor::BlurWorkspace;
 
-/// What samples are drawn for. Streams of different purposes never meet.
+/// Purpose of samples. Streams of different purposes never overlap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::information) enum Purpose {
     Training = 1,
@@ -16,10 +16,10 @@ pub(in crate::information) enum Purpose {
     Slope = 4,
 }
 
-/// Which sites are told to the decoder before it begins.
+/// Sites that are revealed to the decoder at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::information) enum Reveal {
-    /// None: all decoded sites are predicted from the measurement alone.
+    /// No sites: all decoded sites are predicted from the measurement alone.
     Nothing,
     /// This number of decoded sites, drawn without replacement, and the weight of the others' code length.
     Random { count: usize, weight: f64 },
@@ -30,9 +30,9 @@ pub(in crate::information) enum Reveal {
 pub(in crate::information) struct Sample {
     /// 1 where there is a bead, else 0.
     pub beads: Vec<f32>,
-    /// Clean photons that the noise was drawn at, (rows, cols) of the patch.
+    /// Clean photons, the mean of the noisy ones, (rows, cols) of the patch.
     pub clean: Vec<f32>,
-    /// Noisy photons, likewise.
+    /// Noisy photons, in the same order.
     pub noisy: Vec<f32>,
     /// 1 for sites that are to be predicted, else 0.
     pub free: Vec<f32>,
@@ -83,7 +83,8 @@ impl Sample {
         self.weight = 1.0;
         if let Reveal::Random { count, weight } = reveal(&mut random) {
             self.weight = weight;
-            // Each site has a number, decoded or not, so that masks which decode more or fewer are told the others alike.
+            // Each site has a number, decoded or not. Masks that decode more or fewer sites thus reveal the others
+            // alike.
             let numbers: Vec<u32> = (0..sites).map(|_| random.random()).collect();
             let mut order: Vec<(u32, usize)> = scene.decoded.iter().map(|&site| (numbers[site], site)).collect();
             if count < order.len() {
@@ -96,7 +97,7 @@ impl Sample {
         }
     }
 
-    /// Asks for the beads at some of the sites, and tells those at all others that are decoded.
+    /// Marks some sites for prediction and reveals all other decoded ones.
     pub fn ask(&mut self, scene: &Problem, asked: impl Fn(usize) -> bool) {
         for &site in &scene.decoded {
             let free = asked(site);
@@ -105,7 +106,7 @@ impl Sample {
         }
     }
 
-    /// Code length of the beads to be predicted when nothing but their probability is known, bits.
+    /// Code length of the predicted sites under the prior, bits.
     pub fn prior_bits(&self, probability: f64) -> f64 {
         let (all, lit) = self
             .beads

@@ -1,4 +1,4 @@
-//! The layers of one unrolled step, forwards and backwards.
+//! Forward and backward pass of the layers of one unrolled step.
 
 use super::features::{Moves, carry, interleave, separate};
 use super::layers::{HIDDEN, INPUTS, OUTPUTS, StepLayers, Windows};
@@ -7,7 +7,7 @@ use crate::nn::{
     window_product_by_kernel,
 };
 
-/// What the backward pass needs of the layers of one step; (positions, channels).
+/// Values of the layers of one step that the backward pass needs; (positions, channels).
 #[derive(Clone, Debug)]
 pub(super) struct Activations {
     /// Hidden channels and features.
@@ -27,7 +27,7 @@ impl Activations {
     }
 }
 
-/// Memory of the layers that is used anew in every step.
+/// Memory of the layers, overwritten in every step.
 #[derive(Clone, Debug)]
 pub(super) struct LayerScratch {
     first: Vec<f32>,
@@ -96,8 +96,8 @@ impl Layers<'_> {
         self.sites.clear_borders(HIDDEN, &mut scratch.first);
     }
 
-    /// From `features` (one array after the other) and the hidden channels in `kept.inputs` to moves and, in
-    /// `next_inputs`, the next hidden channels.
+    /// Computes the updates and, in `next_inputs`, the next hidden channels. Inputs are `features` (one array after
+    /// the other) and the hidden channels in `kept.inputs`.
     pub fn forward(
         &self,
         features: &[f32],
@@ -139,8 +139,9 @@ impl Layers<'_> {
         }
     }
 
-    /// Adds the gradient by the weights to `gradient` and writes that by features and, in the scratch, by the inputs. The
-    /// scratch holds the gradient by the next inputs, which is zero for the last step and on borders.
+    /// Adds the gradient by the weights to `gradient` and writes those by features and, in the scratch, by the
+    /// inputs. On entry the scratch holds the gradient by the next inputs, which is zero for the last step and on
+    /// borders.
     pub fn backward(
         &self,
         kept: &Activations,
@@ -150,7 +151,7 @@ impl Layers<'_> {
         scratch: &mut LayerScratch,
     ) {
         let (windows, weights, cols) = (self.windows, self.weights, self.sites.cols);
-        // The hidden channels are passed on as they are, besides.
+        // The hidden channels are also passed on unchanged.
         let outputs = scratch.outputs.as_chunks_mut::<OUTPUTS>().0;
         for (output, input) in outputs.iter_mut().zip(scratch.by_inputs.as_chunks::<INPUTS>().0) {
             output[..HIDDEN].copy_from_slice(&input[..HIDDEN]);
