@@ -1,4 +1,4 @@
-//! //! Checkpoints of fits: weights, optimizer state and counters as bytes.
+//! Checkpoints of fits: weights, optimizer state and counters as bytes.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -8,43 +8,43 @@ use crate::nn::{
     Initial, NetworkError, Optimizer, ParameterLayout, WeightsHeader, read_details, read_weights, write_weights,
 };
 
-/// /// Header of the checkpoint file.
+/// Header of the checkpoint file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/fit", version: 1 };
 
-/// /// Storage for the checkpoint of one fit.
+/// Storage for the checkpoint of one fit.
 pub trait FitCheckpoint: Sync {
-    /// /// Identity of the fit; a checkpoint of another fit is refused.
+    /// Identity of the fit; a checkpoint of another fit is refused.
     fn key(&self) -> &str;
 
-    /// /// Location of the checkpoint, for error messages.
+    /// Location of the checkpoint, for error messages.
     fn place(&self) -> String;
 
-    /// /// Time between two checkpoints.
+    /// Time between two checkpoints.
     fn every(&self) -> Duration {
         Duration::from_secs(20)
     }
 
-    /// /// The last checkpoint; `None` where there is none.
+    /// The last checkpoint; `None` where there is none.
     ///
     /// # Errors
     /// Where it cannot be read.
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError>;
 
-    /// /// Replaces the checkpoint.
+    /// Replaces the checkpoint.
     ///
     /// # Errors
-    /// /// When it cannot be written; the previous checkpoint then remains.
+    /// When it cannot be written; the previous checkpoint then remains.
     fn store(&self, state: &[u8]) -> Result<(), InformationError>;
 }
 
-/// /// Arrays of a checkpoint: weights, optimizer state, and the best weights on validation patches.
+/// Arrays of a checkpoint: weights, optimizer state, and the best weights on validation patches.
 pub(in crate::information) struct FitArrays<'a> {
     pub weights: &'a [f32],
     pub optimizer: &'a Optimizer,
     pub best: Option<&'a [f32]>,
 }
 
-/// /// Named values in the header of a checkpoint.
+/// Named values in the header of a checkpoint.
 pub(in crate::information) struct FitDetails(HashMap<String, String>);
 
 impl FitDetails {
@@ -60,11 +60,11 @@ impl FitDetails {
     }
 }
 
-/// /// Names of the counters: steps taken, and steps skipped because the loss was not finite.
+/// Names of the counters: steps taken, and steps skipped because the loss was not finite.
 const STEPS: &str = "steps";
 const REFUSED: &str = "refused";
 
-/// /// The bytes of a checkpoint after `steps`, of which `refused` were skipped.
+/// The bytes of a checkpoint after `steps`, of which `refused` were skipped.
 pub(in crate::information) fn fit_to_bytes(
     key: &str,
     numbers: &FitArrays<'_>,
@@ -79,16 +79,16 @@ pub(in crate::information) fn fit_to_bytes(
     Ok(write_weights(&layout, &values, &HEADER, details)?)
 }
 
-/// /// Contents of a checkpoint besides weights and optimizer state.
+/// Contents of a checkpoint besides weights and optimizer state.
 pub(in crate::information) struct RestoredFit {
     pub details: FitDetails,
     pub steps: usize,
     pub refused: usize,
-    /// /// The best weights on validation patches.
+    /// The best weights on validation patches.
     pub best: Option<Vec<f32>>,
 }
 
-/// /// Loads a checkpoint into weights and optimizer that were prepared for the same fit; `None` where there is none.
+/// Loads a checkpoint into weights and optimizer that were prepared for the same fit; `None` where there is none.
 pub(in crate::information) fn restore_fit(
     keeper: &dyn FitCheckpoint,
     weights: &mut [f32],
@@ -98,7 +98,7 @@ pub(in crate::information) fn restore_fit(
     restore(&bytes, keeper.key(), weights, optimizer).map(Some).map_err(|error| unread(keeper, &error))
 }
 
-/// /// Error for a checkpoint that cannot be read, with its location.
+/// Error for a checkpoint that cannot be read, with its location.
 pub(in crate::information) fn unread(keeper: &dyn FitCheckpoint, error: &dyn std::fmt::Display) -> InformationError {
     InformationError::WeightsFile { path: keeper.place(), reason: error.to_string() }
 }
@@ -131,7 +131,7 @@ fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
     layout
 }
 
-/// /// Checkpoint in memory, for tests.
+/// Checkpoint in memory, for tests.
 #[cfg(test)]
 #[derive(Default)]
 pub(in crate::information) struct InMemory(pub std::sync::Mutex<Option<Vec<u8>>>);

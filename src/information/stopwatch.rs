@@ -1,8 +1,8 @@
-//! //! Elapsed time over several sessions.
+//! Elapsed time over several sessions.
 
 use std::time::{Duration, Instant};
 
-/// /// Stopwatch that starts with the time of earlier sessions.
+/// Stopwatch that starts with the time of earlier sessions.
 #[derive(Clone, Copy)]
 pub(in crate::information) struct Stopwatch {
     before: Duration,
@@ -10,12 +10,12 @@ pub(in crate::information) struct Stopwatch {
 }
 
 impl Stopwatch {
-    /// /// Starts with the time of earlier sessions.
+    /// Starts with the time of earlier sessions.
     pub fn after(before: Duration) -> Self {
         Self { before, since: Instant::now() }
     }
 
-    /// /// Total time of all sessions.
+    /// Total time of all sessions.
     pub fn elapsed(&self) -> Duration {
         self.before + self.since.elapsed()
     }

@@ -1,4 +1,4 @@
-//! Toys whose measurements' probabilities can be summed over all objects.
+//! Tests on small channels whose measurement probabilities can be summed over all objects.
 
 use std::ops::ControlFlow;
 
@@ -36,7 +36,7 @@ fn sample(problem: &Problem, index: usize) -> Sample {
 
 #[test]
 fn rounding_residues_in_dark_pixels_belong_to_the_channel() {
-    // A clean image with photons where no bead sends any, as a transform may leave them, and a count there.
+    // A clean image with photons where no bead emits any, as a transform may leave them, and a count there.
     let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
     let fit = AisSettings { samples: 64, ..AisSettings::of_levels(16, 1) };
     let decoder = Decoder::shipped().unwrap();
@@ -103,7 +103,8 @@ fn likelihood_change_equals_difference_of_log_likelihoods() {
                 "{noise} {site}: {log_likelihood_change} {found}"
             );
         }
-        // The light of what is left is that of a fresh sum, and all light is that of the sample.
+        // The image after removing beads equals a newly computed one; the image of all beads equals that of the
+        // sample.
         let changed = state.log_likelihood();
         state.refresh();
         assert!((state.log_likelihood() - changed).abs() < 1e-3);
@@ -120,7 +121,7 @@ fn omitted_light_carries_no_information() {
         let energy = |photons: f64| photons * photons;
         let followed: f64 = light.photons.iter().map(|&photons| energy(f64::from(photons))).sum();
         let left = spot.iter().copied().map(energy).sum::<f64>() - followed;
-        // Photons are followed in single precision.
+        // Photons are accumulated in single precision.
         assert!(left <= 0.02 * light.variance + 1e-6 * followed, "{brightness}, {probability}: {left}");
     }
 }
@@ -141,7 +142,7 @@ fn image_of_true_beads_equals_clean_sample() {
         light.add(site, 1.0, &mut clean);
     }
     for (clean, noisy) in light.patch_of(&clean).zip(&sample.noisy) {
-        // Light that is too faint to be followed is there on average.
+        // Light too faint for the runs is included on average.
         assert!((clean - noisy).abs() < 1.0, "{clean} {noisy}");
     }
 }
@@ -157,7 +158,7 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
         let logs = all_logs(&problem, &light, &measured);
         let truth = log_sum(&logs);
         let mut random = ChaCha8Rng::seed_from_u64(5);
-        // A guess that is wrong about everything, within reason.
+        // An initial distribution that is wrong at every site, within limits.
         let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
         let initial = InitialDistribution::new(&odds, vec![true; 10], (f64::from(problem.prior_logit()), 14.0));
         let effort = SweepSize { flips: 4, shifts: 2 };
@@ -170,7 +171,7 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
             let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
             println!("{noise} {levels} {particles}: {ratio} +- {error}, log {log}");
-            // Of too few levels rare walks carry the mean.
+            // With too few temperatures, rare chains carry the mean.
             let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
             assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
             assert!(log < 0.0 && log > last, "{noise} {levels}: {log}");
@@ -198,7 +199,7 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
             let (ratio, error) = mean(&found.iter().map(|log| (-log).exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
             println!("{noise} {levels} backwards: {ratio} +- {error}, log {log}");
-            // Of too few levels rare walks carry the mean.
+            // With too few temperatures, rare chains carry the mean.
             let fair = (ratio - 1.0).abs() < 4.0 * error + 1e-3;
             assert!(fair || levels < 100, "{noise} {levels}: {ratio} +- {error}");
             assert!(log > 0.0 && log < last, "{noise} {levels}: {log}");
@@ -240,7 +241,7 @@ fn truth_of(channel: &BeadChannel) -> (f64, f64) {
 
 #[test]
 fn read_noise_does_not_raise_the_upper_bound() {
-    // In as many groups as there are sites, each of which would pay for a Gaussian that is none.
+    // As many groups as sites; each would add the error of a Gaussian approximation.
     let of = |noise: Noise| bounds(&toy(noise), &fit(10, 200))[1].clone();
     let (shot, both) = (of(Noise::Shot), of(Noise::ShotRead { sigma: 1.0 }));
     println!("{} {}", shot.bits_per_pixel, both.bits_per_pixel);
@@ -265,7 +266,7 @@ fn bounds_enclose_known_truth_and_converge() {
         );
         // Three standard errors of both.
         let spread = |bound: &AisBound| 3.0 * error + (bound.interval_95[1] - bound.interval_95[0]) * 0.77;
-        // Shot plus read noise is a little off in the model of the walks.
+        // The chain's model approximates shot plus read noise.
         let model = if matches!(noise, Noise::ShotRead { .. }) { 0.01 } else { 0.0 };
         for below in [&coarse_low, &low] {
             assert!(below.bits_per_pixel < truth + spread(below), "{noise}: {below:?} {truth}");
@@ -306,7 +307,7 @@ fn bound_can_be_cancelled_and_respects_its_budget() {
         if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
-    // In the middle of a walk, too: all of its levels would take hours.
+    // Cancels inside a chain, too: all of its temperatures would take hours.
     let endless = AisSettings::of_levels(1 << 24, 1);
     let stopped = ais_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
     assert_eq!(stopped, Err(InformationError::Cancelled));
@@ -333,7 +334,7 @@ fn resumed_bound_equals_uninterrupted_bound() {
         let keeper = InMemory::default();
         assert_eq!(run(Some(&keeper), 12).0, Err(InformationError::Cancelled));
         let (resumed, expected_nats) = run(Some(&keeper), usize::MAX);
-        // Samples of a block are kept once they are told.
+        // Samples of a block are in the checkpoint once they are reported.
         assert_eq!((resumed.unwrap(), expected_nats[0] >= 8), (whole, true), "{expected_nats:?}");
     }
     let broken = InMemory(Some(b"a letter".to_vec()).into());
@@ -348,7 +349,7 @@ fn resumed_bound_keeps_its_number_of_temperatures() {
     let keeper = InMemory::default();
     let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
     AisCheckpoint::keep(&keeper, (77, &kept), elapsed).unwrap();
-    // Its time is over: one more block, and that is it.
+    // The budget is used up: one more block is computed, then sampling stops.
     let fit = AisSettings { half_width: 0.0, ..AisSettings::within(std::time::Duration::from_hours(1), 6) };
     let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
     let bound = bound.unwrap();

@@ -1,10 +1,10 @@
-//! //! Density models with frozen weights, differentiated by the images.
+//! Density models with frozen weights, differentiated by the images.
 
 use ndarray::{Array3, ArrayView3};
 
 use crate::information::error::InformationError;
 
-/// /// Density model of noisy patches with frozen weights. It links the information to the mask that makes the patches.
+/// Density model of noisy patches with frozen weights. It links the information to the mask that makes the patches.
 pub trait FrozenDensity {
     /// Information of noisy patches under the model, bits per pixel, and its gradient by the encoded patches, bits per
     /// pixel and photon; all of shape (n, rows, cols).
@@ -13,7 +13,7 @@ pub trait FrozenDensity {
     /// holds e (Kabuli et al. 2026); so the measurements move with the images.
     ///
     /// # Errors
-    /// /// For invalid patches and values that are not finite.
+    /// For invalid patches and values that are not finite.
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,

@@ -39,13 +39,13 @@ pub fn bootstrap_interval(
     Ok([percentile(&differences, 0.025), percentile(&differences, 0.975)])
 }
 
-/// /// 95 % interval of the mean of `information`, the information of each test patch in bits per pixel: its cross-entropy minus
-/// /// the noise entropy, or `log2 p(y|x) - log2 q(y)`. The 2.5 and 97.5 percentiles of 1000 bootstrap means; their distances
-/// /// from the mean are stretched for Student's t and the variance over n - 1, as bootstraps of few values scatter too little.
+/// 95 % interval of the mean of `information`, the information of each test patch in bits per pixel: its cross-entropy minus
+/// the noise entropy, or `log2 p(y|x) - log2 q(y)`. The 2.5 and 97.5 percentiles of 1000 bootstrap means; their distances
+/// from the mean are stretched for Student's t and the variance over n - 1, as bootstraps of few values scatter too little.
 ///
-/// /// Bright patches raise both terms alike and noise moves both logarithms alike, so the difference scatters less than either.
-/// /// The interval covers the choice of test patches only, neither the training patches nor the fit. For a single patch both
-/// /// ends are the estimate.
+/// Bright patches raise both terms alike and noise moves both logarithms alike, so the difference scatters less than either.
+/// The interval covers the choice of test patches only, neither the training patches nor the fit. For a single patch both
+/// ends are the estimate.
 ///
 /// # Errors
 /// When the list is empty, or a value is not finite.

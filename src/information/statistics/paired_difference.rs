@@ -6,7 +6,7 @@ use super::bootstrap::paired_interval;
 use super::shared_images::SharedImages;
 use crate::information::error::InformationError;
 
-/// /// Information of each test patch by a density model, and the images that it shows.
+/// Information of each test patch by a density model, and the images that it shows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TestPatches {
     /// Bits per pixel of each patch.
@@ -15,7 +15,7 @@ pub struct TestPatches {
     pub pictures: SharedImages,
 }
 
-/// /// Difference of two estimates, bits per pixel.
+/// Difference of two estimates, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PairedDifference {
     /// The difference of the two.
@@ -25,10 +25,10 @@ pub struct PairedDifference {
 }
 
 impl PairedDifference {
-    /// /// Mean of `of` minus `than` over the same test patches, with the paired 95 % interval ([`paired_interval`]). Scenes and
-    /// /// noise that raise both estimates cancel in the difference. Shared images widen the interval
-    /// /// ([`SharedImages::inflate_interval`]). It covers the choice of test patches only, neither the fits nor the looseness of
-    /// /// the models.
+    /// Mean of `of` minus `than` over the same test patches, with the paired 95 % interval ([`paired_interval`]). Scenes and
+    /// noise that raise both estimates cancel in the difference. Shared images widen the interval
+    /// ([`SharedImages::inflate_interval`]). It covers the choice of test patches only, neither the fits nor the looseness of
+    /// the models.
     ///
     /// None where the numbers of patches differ, or there are fewer than two.
     ///
@@ -45,7 +45,7 @@ impl PairedDifference {
         Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.inflate_interval(&differences, mean, interval) }))
     }
 
-    /// /// Whether the interval excludes 0.
+    /// Whether the interval excludes 0.
     pub fn is_clear(&self) -> bool {
         let [low, high] = self.interval_95;
         low > 0.0 || high < 0.0

@@ -1,9 +1,9 @@
-//! //! Clustered intervals for test patches that show the same images.
+//! Clustered intervals for test patches that show the same images.
 //!
-//! //! Patches of mosaics of 180 images show each image dozens of times, so the mean over patches varies more than that of as
-//! //! many independent patches. With the value of a patch as
-//! //! `v = mean + sum over images of share x effect + rest`, the variances of effects and rests follow from two quadratic forms
-//! //! of the values whose expectations are known (the method of moments of Henderson 1953; with these forms Rao's MINQUE, 1971).
+//! Patches of mosaics of 180 images show each image dozens of times, so the mean over patches varies more than that of as
+//! many independent patches. With the value of a patch as
+//! `v = mean + sum over images of share x effect + rest`, the variances of effects and rests follow from two quadratic forms
+//! of the values whose expectations are known (the method of moments of Henderson 1953; with these forms Rao's MINQUE, 1971).
 
 use std::collections::BTreeMap;
 
@@ -19,7 +19,7 @@ pub struct SharedImages {
 }
 
 impl SharedImages {
-    /// /// From the image numbers and shares of each patch. An image that occurs twice in a patch gets the sum of its shares.
+    /// From the image numbers and shares of each patch. An image that occurs twice in a patch gets the sum of its shares.
     pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
         let merged = |patch: Vec<(u32, f64)>| {
             let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
@@ -31,7 +31,7 @@ impl SharedImages {
         Self { shares: shares.into_iter().map(merged).collect() }
     }
 
-    /// /// From patches that show one image each.
+    /// From patches that show one image each.
     pub fn one_each(pictures: impl IntoIterator<Item = u32>) -> Self {
         Self::new(pictures.into_iter().map(|picture| vec![(picture, 1.0)]).collect())
     }
@@ -41,7 +41,7 @@ impl SharedImages {
         &self.shares
     }
 
-    /// /// These patches followed by `more`.
+    /// These patches followed by `more`.
     #[must_use]
     pub fn and(mut self, more: Self) -> Self {
         self.shares.extend(more.shares);
@@ -56,8 +56,8 @@ impl SharedImages {
         all.len()
     }
 
-    /// /// Added variance of the mean of `values` (one per patch) by shared images, beyond that of independent patches; 0 where
-    /// /// nothing is shared or it cannot be estimated.
+    /// Added variance of the mean of `values` (one per patch) by shared images, beyond that of independent patches; 0 where
+    /// nothing is shared or it cannot be estimated.
     pub fn added_variance(&self, values: &[f64]) -> f64 {
         let count = values.len().min(self.shares.len());
         if count < 3 {
@@ -96,8 +96,8 @@ impl SharedImages {
         (of_pictures * (all / (n * n) - trace / (n * (n - 1.0)))).max(0.0)
     }
 
-    /// /// The interval of independent patches around `mean`, widened for shared images. The variance of few images is uncertain, so
-    /// /// Student's t is used.
+    /// The interval of independent patches around `mean`, widened for shared images. The variance of few images is uncertain, so
+    /// Student's t is used.
     pub fn inflate_interval(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
         let quantile = student_95(self.pictures() as f64 - 1.0);
         let added = quantile * self.added_variance(values).sqrt();

@@ -2,8 +2,8 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// /// Workspaces of threads, reused between tasks. Results must not depend on which thread gets which: a borrower writes all
-/// /// of a workspace before reading it, so a panic elsewhere leaves nothing broken in it.
+/// Workspaces of threads, reused between tasks. Results must not depend on which thread gets which: a borrower writes all
+/// of a workspace before reading it, so a panic elsewhere leaves nothing broken in it.
 #[derive(Debug)]
 pub struct Pool<T>(Mutex<Vec<T>>);
 

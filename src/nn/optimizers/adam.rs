@@ -29,7 +29,7 @@ impl Adam {
         [&self.first, &self.second]
     }
 
-    /// /// Restores the moments, one after the other, after a number of steps.
+    /// Restores the moments, one after the other, after a number of steps.
     pub fn restore(&mut self, moments: &[f32], steps: usize) {
         let (first, second) = moments.split_at(self.first.len());
         self.first.copy_from_slice(first);

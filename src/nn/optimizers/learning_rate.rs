@@ -1,4 +1,4 @@
-//! //! Learning-rate schedule: linear warm-up and linear decay.
+//! Learning-rate schedule: linear warm-up and linear decay.
 
 /// Share of the schedule in which the rate rises, and the least share of the rate.
 const WARM_UP: f64 = 0.03;
@@ -10,7 +10,7 @@ pub fn learning_rate_factor(done: f64) -> f64 {
     warmup_factor(done).min(1.0 - done).max(LEAST)
 }
 
-/// /// The warm-up alone, for online fits to data that change.
+/// The warm-up alone, for online fits to data that change.
 pub fn warmup_factor(done: f64) -> f64 {
     (done / WARM_UP).clamp(LEAST, 1.0)
 }

@@ -87,7 +87,7 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
     matrix
 }
 
-/// /// Nesterov momentum: the direction that looks one step ahead.
+/// Nesterov momentum: the direction that looks one step ahead.
 struct Nesterov {
     scale: f32,
 }

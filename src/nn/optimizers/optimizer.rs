@@ -32,7 +32,7 @@ pub enum Averaging {
     Off,
     /// About this share of all steps so far, those taken last.
     LastShare(f32),
-    /// /// Average over about this many last steps. Before the first step the weights are the initial ones.
+    /// Average over about this many last steps. Before the first step the weights are the initial ones.
     Last(usize),
 }
 
@@ -51,7 +51,7 @@ pub struct Optimizer {
 }
 
 impl Optimizer {
-    /// /// An optimizer for the weights of a layout; `rule` chooses the update of each tensor. Vectors given to Muon use Adam.
+    /// An optimizer for the weights of a layout; `rule` chooses the update of each tensor. Vectors given to Muon use Adam.
     pub fn new(
         layout: &ParameterLayout,
         weights: &[f32],
@@ -126,7 +126,7 @@ impl Optimizer {
         state
     }
 
-    /// /// Restores the state of [`Optimizer::state`] after a number of steps, for the same layout.
+    /// Restores the state of [`Optimizer::state`] after a number of steps, for the same layout.
     ///
     /// # Panics
     /// For a state of another length.

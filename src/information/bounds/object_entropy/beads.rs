@@ -1,4 +1,4 @@
-//! //! The object-entropy bound for independent beads: an upper bound on the information of any encoder.
+//! The object-entropy bound for independent beads: an upper bound on the information of any encoder.
 //!
 //! Every object pixel holds a bead with probability p, independently. By the chain rule the information is at most
 //! the sum over object pixels of what the patch tells about one pixel when all others are known, and that is largest
@@ -51,7 +51,7 @@ pub fn binary_entropy(p: f64) -> f64 {
 /// Upper bound on the information that any estimate of a patch of independent beads can truly have.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntropyBound {
-    /// /// The bound, bits per pixel of the patch.
+    /// The bound, bits per pixel of the patch.
     pub bits_per_pixel: f64,
     /// The cruder bound that needs no noise: entropy of all object pixels that touch the patch, bits per pixel.
     pub footprint_entropy: f64,
@@ -94,7 +94,7 @@ pub struct BeadEntropyBound {
 }
 
 impl BeadEntropyBound {
-    /// /// Bounds for beads that occupy each object pixel with the given probability.
+    /// Bounds for beads that occupy each object pixel with the given probability.
     ///
     /// # Errors
     /// When the probability is not between 0 and 1.

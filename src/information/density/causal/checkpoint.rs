@@ -1,4 +1,4 @@
-//! //! Checkpoint of the fit of a causal model.
+//! Checkpoint of the fit of a causal model.
 
 use std::time::Duration;
 
@@ -8,20 +8,20 @@ use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, fit_to_bytes, restore_fit};
 use crate::nn::Optimizer;
 
-/// /// State of a fit besides weights and optimizer.
+/// State of a fit besides weights and optimizer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FitState {
     /// Steps taken.
     pub steps: usize,
-    /// /// Steps skipped because the loss was not finite.
+    /// Steps skipped because the loss was not finite.
     pub refused: usize,
-    /// /// Factor of the learning rate after such steps.
+    /// Factor of the learning rate after such steps.
     pub step_scale: f64,
-    /// /// Number of draws of patches.
+    /// Number of draws of patches.
     pub draws: u64,
-    /// /// Running mean of the training loss, bits per pixel.
+    /// Running mean of the training loss, bits per pixel.
     pub recent: Option<f64>,
-    /// /// Computing time of earlier sessions.
+    /// Computing time of earlier sessions.
     pub before: Duration,
 }
 
@@ -31,7 +31,7 @@ impl Default for FitState {
     }
 }
 
-/// /// Writes the checkpoint after `elapsed` in all.
+/// Writes the checkpoint after `elapsed` in all.
 pub(super) fn keep(
     keeper: &dyn FitCheckpoint,
     (course, elapsed): (&FitState, Duration),
@@ -52,8 +52,8 @@ pub(super) fn keep(
     keeper.store(&fit_to_bytes(keeper.key(), &numbers, (course.steps, course.refused), details)?)
 }
 
-/// /// Restores a model and its optimizer, prepared for the same fit. Returns the state of the fit and the best weights on
-/// /// validation patches; the initial state where there is no checkpoint.
+/// Restores a model and its optimizer, prepared for the same fit. Returns the state of the fit and the best weights on
+/// validation patches; the initial state where there is no checkpoint.
 pub(super) fn restore(
     keeper: &dyn FitCheckpoint,
     model: &mut CausalModel,

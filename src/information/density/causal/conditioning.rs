@@ -1,4 +1,4 @@
-//! //! Network inputs: patches in photons converted to numbers of order one.
+//! Network inputs: patches in photons converted to numbers of order one.
 
 use std::ops::Range;
 
@@ -12,26 +12,26 @@ use crate::information::density::gaussian::stationary::StationaryGaussian;
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// Channels that the first window sees of every past pixel: square root, photons, one, surprise.
+/// Channels of every past pixel in the first window: square root, photons, one, surprise.
 pub(super) const WINDOW_CHANNELS: usize = 4;
-/// Numbers about the present pixel that do not depend on it: the prediction, how sure it is, and where the pixel lies.
+/// Inputs at the present pixel that do not depend on its value: the prediction, its certainty, and the pixel's place.
 pub(super) const PRESENT_CHANNELS: usize = 3 + BORDER_CHANNELS;
-/// Those of them that tell where the pixel lies.
+/// Of these, those that encode the pixel's place.
 const BORDER_CHANNELS: usize = 6;
-/// Noisy values that a fit predicts at every pixel where the clean one is known. All are as likely given the past, so the
-/// loss has the same mean for any number of them, but its gradient is the steadier the more there are.
+/// Noisy values predicted at every pixel whose clean value is known. All are equally likely given the past, so the
+/// loss has the same mean for any number of them. More values make the gradient steadier.
 pub(super) const TARGETS: usize = 8;
-/// Far places that are looked at.
+/// Number of far places that serve as inputs.
 pub(super) const FAR_PLACES: usize = 16;
-/// A place outside of every patch.
+/// A place outside every patch.
 pub(super) const NOWHERE: (isize, isize) = (-1_000_000, 0);
-/// Largest distance in rows or columns that the first window and its neighbours see well, px.
+/// Largest distance in rows or columns that the first window and its neighbours cover well, px.
 const NEAR: isize = 3;
-/// Least peak of the autocovariance that makes a place worth looking at, as a share of that next to lag 0.
+/// Smallest peak of the autocovariance that makes a far place, as a share of the value next to lag 0.
 const LEAST_PEAK: f64 = 0.02;
 /// Largest surprise, standard deviations.
 const MOST_SURPRISE: f32 = 8.0;
-/// Least variance that the prediction is given, as a share of that of the noise: it is a guess, not a certainty.
+/// Smallest variance of the prediction, as a share of that of the noise.
 const LEAST_VARIANCE: f32 = 0.05;
 
 /// Second moments of the measurements, noise included.
@@ -54,7 +54,7 @@ impl Moments {
     }
 }
 
-/// Units in which the network sees measurements: (mean, inverse standard deviation).
+/// Units of the measurements as network inputs: (mean, inverse standard deviation).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Units {
     /// Of the square roots of photons.
@@ -63,32 +63,33 @@ pub(super) struct Units {
     pub photons: (f32, f32),
 }
 
-/// /// Statistics of one design and kind of scene that condition the network.
+/// Statistics of one design and kind of scene that condition the network.
 #[derive(Clone, Debug)]
 pub(super) struct Conditioning {
     pub noise: Noise,
     pub patch: (usize, usize),
     pub levels: Levels,
-    /// The darkest and the brightest level that measurements so far have used.
+    /// The darkest and the brightest grid level used by measurements so far.
     pub used: (usize, usize),
     scale: Scale,
     /// Mean and inverse deviation on the square-root scale, and of photons.
     roots: (f32, f32),
     photons: (f32, f32),
     predictor: Predictor,
-    /// How near each pixel lies to the borders, (pixels, [`BORDER_CHANNELS`]).
+    /// Closeness of each pixel to the borders, (pixels, [`BORDER_CHANNELS`]).
     border: Vec<f32>,
-    /// Offsets (rows down, columns right) of far places that tell of the present pixel, px; as many for all designs.
+    /// Offsets (rows down, columns right) of far places that help to predict the present pixel, px; the same number
+    /// for all designs.
     pub far: Vec<(isize, isize)>,
 }
 
-/// Patches as the network sees them.
+/// Patches as network inputs.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Inputs {
     /// Photons, (pixels).
     pub values: Vec<f32>,
-    /// Photons that might have been measured as well, (pixels, targets): what the losses are of. None where they are of
-    /// [`Inputs::values`].
+    /// Photons that could also have been measured, (pixels, targets): the losses are taken at them. Empty where they
+    /// are taken at [`Inputs::values`].
     pub targets: Vec<f32>,
     /// (pixels, [`WINDOW_CHANNELS`]).
     pub window: Vec<f32>,
@@ -96,7 +97,7 @@ pub(super) struct Inputs {
     pub present: Vec<f32>,
     /// Predicted mean, photons, and -1/2 over its variance, per pixel.
     pub guess: Vec<(f32, f32)>,
-    /// The mean before it was brought within the levels, photons, per pixel.
+    /// The predicted mean before it was clamped to the levels, photons, per pixel.
     pub predicted: Vec<f32>,
 }
 
@@ -104,7 +105,7 @@ pub(super) struct Inputs {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PatchInputs<'a> {
     pub values: &'a [f32],
-    /// Photons that the losses are of, (pixels, targets).
+    /// Photons at which the losses are taken, (pixels, targets).
     pub targets: &'a [f32],
     pub window: &'a [f32],
     pub present: &'a [f32],
@@ -113,7 +114,7 @@ pub(super) struct PatchInputs<'a> {
 }
 
 impl Inputs {
-    /// Patch `index` of patches of so many pixels.
+    /// Patch `index`, for patches of this number of pixels.
     pub fn patch(&self, index: usize, pixels: usize) -> PatchInputs<'_> {
         let of = |count: usize| -> Range<usize> { index * pixels * count..(index + 1) * pixels * count };
         let targets = self.targets.len() / self.values.len().max(1);
@@ -131,7 +132,7 @@ impl Inputs {
 /// Gradients of a sum of losses by the inputs of one patch.
 #[derive(Clone, Debug)]
 pub(super) struct InputGradients {
-    /// By the photons where they are what is predicted, (pixels).
+    /// By the photons where these are predicted, (pixels).
     pub values: Vec<f64>,
     /// (pixels, [`WINDOW_CHANNELS`]).
     pub window: Vec<f32>,
@@ -161,7 +162,7 @@ impl Conditioning {
         Self::with_levels(noise, sample, moments, Levels::new(noise, images.view(), counts))
     }
 
-    /// The same with levels that were chosen before.
+    /// As [`Conditioning::new`], with given levels.
     pub fn with_levels(
         noise: Noise,
         sample: &PatchBatch,
@@ -191,8 +192,8 @@ impl Conditioning {
         })
     }
 
-    /// What belongs to this design alone, with the units that `start` gave to the inputs and, where they serve, its
-    /// `levels`: weights that were fitted to those keep their meaning. The noise is the same.
+    /// This conditioning with the units that `start` gave to the inputs and, where they fit, its `levels`. Weights
+    /// fitted to those keep their meaning. The noise is the same.
     pub fn in_units_of(mut self, units: Units, far: &[(isize, isize)], levels: &Levels) -> Self {
         self.roots = units.roots;
         self.photons = units.photons;
@@ -208,8 +209,8 @@ impl Conditioning {
         Units { roots: self.roots, photons: self.photons }
     }
 
-    /// With its far places in the order in which `before` has those next to them, and those of before where nothing takes their
-    /// place: what is no peak any more may still tell something.
+    /// This conditioning with its far places in the order of the closest ones of `before`. Those of before remain
+    /// where no new place replaces them: a place that is no longer a peak may still carry information.
     pub fn keeping_places_of(mut self, before: &[(isize, isize)]) -> Self {
         self.far = in_order_of(before, self.far);
         for (place, &before) in self.far.iter_mut().zip(before).filter(|(place, _)| **place == NOWHERE) {
@@ -218,7 +219,7 @@ impl Conditioning {
         self
     }
 
-    /// Patches (photons) for the network.
+    /// Patches (photons) as network inputs.
     pub fn inputs(&self, patches: ArrayView3<'_, f32>) -> Inputs {
         let values: Vec<f32> = patches.iter().copied().collect();
         let predictions = self.predictor.predict(&values);
@@ -254,7 +255,7 @@ impl Conditioning {
         Inputs { values, targets: Vec::new(), window, present, guess, predicted: predictions }
     }
 
-    /// What might be measured of `clean` patches (photons), drawn several times: (pixels, [`TARGETS`]).
+    /// Possible measurements of `clean` patches (photons), drawn several times: (pixels, [`TARGETS`]).
     pub fn targets(&self, clean: ArrayView3<'_, f32>, seed: u64) -> Vec<f32> {
         let mut targets = vec![0.0; clean.len() * TARGETS];
         for target in 0..TARGETS {
@@ -266,8 +267,9 @@ impl Conditioning {
         targets
     }
 
-    /// Gradients by the photons of one patch, apart from those through the prediction, and by the predictions, from those
-    /// by everything that [`Conditioning::inputs`] made of it; [`Conditioning::through_predictions`] completes them.
+    /// Gradients by the photons of one patch, without those through the prediction, and gradients by the predictions.
+    /// They follow from the gradients by all outputs of [`Conditioning::inputs`];
+    /// [`Conditioning::through_predictions`] completes them.
     pub fn by_values(&self, inputs: PatchInputs<'_>, by: InputGradients) -> (Vec<f64>, Vec<f32>) {
         let (low, high) = self.levels.range();
         let predicted = inputs.predicted;
@@ -303,7 +305,8 @@ impl Conditioning {
         (by_values, by_predicted)
     }
 
-    /// What gradients by the predictions of patches, shape (samples, pixels), add to those by their photons.
+    /// Part of the gradient by the photons of patches that comes through their predictions, from the gradient by the
+    /// predictions, shape (samples, pixels).
     pub fn through_predictions(&self, by_predicted: &[f32]) -> Vec<f32> {
         self.predictor.transposed(by_predicted)
     }
@@ -322,8 +325,8 @@ impl Conditioning {
     }
 }
 
-/// How near the pixels of a patch of (rows, cols) lie to its upper, left and right border, at a glance of 2 px and of 8 px:
-/// (pixels, [`BORDER_CHANNELS`]).
+/// Closeness of the pixels of a patch of (rows, cols) to its upper, left and right border, on scales of 2 px and 8
+/// px: (pixels, [`BORDER_CHANNELS`]).
 fn border((rows, cols): (usize, usize)) -> Vec<f32> {
     let near = |distance: usize, reach: f32| (-(distance as f32) / reach).exp();
     let of = |i: usize| {
@@ -333,11 +336,12 @@ fn border((rows, cols): (usize, usize)) -> Vec<f32> {
     (0..rows * cols).flat_map(of).collect()
 }
 
-/// Places at the largest peaks of the autocovariance before the present pixel and beyond the reach of the first window:
-/// where lenslets make copies of what the present pixel shows.
+/// Places at the largest peaks of the autocovariance before the present pixel and beyond the reach of the first
+/// window. Lenslets make copies of the present pixel's object point there.
 ///
-/// A place is looked at one row further down and one column further right where it is still in the past, since the
-/// features there have seen more of the copy. Fewer peaks than [`FAR_PLACES`] leave places that show nothing.
+/// A place is moved one row down and one column right where that is still in the past, since the features there
+/// include more of the copy. If there are fewer peaks than [`FAR_PLACES`], the remaining places lie outside every
+/// patch.
 fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
     let (rows, cols) = autocovariance.dim();
     let (centre_row, centre_col) = (rows as isize / 2, cols as isize / 2);
@@ -355,7 +359,7 @@ fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
             let beyond = down < -NEAR || right.abs() > NEAR;
             let peak = (-1..=1).all(|r| (-1..=1).all(|c| (r, c) == (0, 0) || value > at(down + r, right + c)));
             if beyond && peak && value > LEAST_PEAK * near {
-                // Pairs of pixels that far apart in the patch: distant copies are seldom of use.
+                // Pairs of pixels at this lag in the patch: distant copies are seldom of use.
                 let pairs = (centre_row + 1 + down) * (centre_col + 1 - right.abs());
                 peaks.push((value * pairs as f64, down, right));
             }
@@ -368,7 +372,7 @@ fn far_places(autocovariance: &Array2<f64>) -> Vec<(isize, isize)> {
     places
 }
 
-/// The places in the order of those of a similar design, so that weights keep what they look at.
+/// The places in the order of those of a similar design, so that each weight keeps its place.
 fn in_order_of(before: &[(isize, isize)], now: Vec<(isize, isize)>) -> Vec<(isize, isize)> {
     let mut left = now;
     let mut ordered = vec![None; before.len()];

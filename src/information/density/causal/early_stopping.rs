@@ -1,39 +1,39 @@
-//! //! Early stopping: the weights that score best on validation patches during a fit, against overfitting to few patches.
+//! Early stopping: the weights that score best on validation patches during a fit, against overfitting to few patches.
 
 use super::model::CausalModel;
 use super::stream::PatchBatch;
 use crate::information::error::InformationError;
 
-/// /// Validations during a fit, evenly spaced.
+/// Validations during a fit, evenly spaced.
 const VALIDATIONS: f64 = 20.0;
 
-/// /// The best weights so far.
+/// The best weights so far.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BestWeights {
     /// Cross-entropy of the validation patches, bits per pixel.
     pub bits: f64,
-    /// /// Step of these weights.
+    /// Step of these weights.
     pub step: usize,
     /// In the order of the model's layout.
     pub weights: Vec<f32>,
 }
 
-/// /// Validation patches and the best weights on them.
+/// Validation patches and the best weights on them.
 pub(super) struct EarlyStopping<'a> {
     patches: Option<&'a PatchBatch>,
     validations: f64,
     pub found: Option<BestWeights>,
-    /// /// Whether the last validation found worse weights.
+    /// Whether the last validation found worse weights.
     is_behind: bool,
 }
 
 impl<'a> EarlyStopping<'a> {
-    /// /// For a fit that is `done` (share, 0 to 1), with the best weights of earlier sessions.
+    /// For a fit that is `done` (share, 0 to 1), with the best weights of earlier sessions.
     pub fn new(patches: Option<&'a PatchBatch>, done: f64, found: Option<BestWeights>) -> Self {
         Self { patches, validations: (VALIDATIONS * done).floor(), found, is_behind: false }
     }
 
-    /// /// Validates the model of `snapshot` where a validation is due.
+    /// Validates the model of `snapshot` where a validation is due.
     pub fn validate(
         &mut self,
         done: f64,
@@ -56,7 +56,7 @@ impl<'a> EarlyStopping<'a> {
         Ok(())
     }
 
-    /// /// The best weights where the last validation found worse ones, otherwise the current weights.
+    /// The best weights where the last validation found worse ones, otherwise the current weights.
     pub fn or(&self, current: impl FnOnce() -> Vec<f32>) -> Vec<f32> {
         match &self.found {
             Some(found) if self.is_behind => found.weights.clone(),
@@ -64,7 +64,7 @@ impl<'a> EarlyStopping<'a> {
         }
     }
 
-    /// /// Replaces the final weights by the best ones where these score better; returns their step.
+    /// Replaces the final weights by the best ones where these score better; returns their step.
     pub fn install_best(self, model: &mut CausalModel) -> Result<Option<usize>, InformationError> {
         let (Some(patches), Some(found)) = (self.patches, self.found) else { return Ok(None) };
         if found.bits < validation_bits(model, patches)? {

@@ -1,4 +1,4 @@
-//! The fit: small batches of fresh patches, Muon, a rate that rises and falls, averaged weights.
+//! The fit: small batches of new patches, Muon, a warm-up and decay of the rate, averaged weights.
 
 use std::ops::{ControlFlow, Range};
 use std::time::{Duration, Instant};
@@ -23,77 +23,77 @@ pub(super) const BATCH: usize = 2;
 pub(super) const RATE: f64 = 1.2e-2;
 /// Largest norm of a gradient.
 pub(super) const MAX_NORM: f64 = 1.0;
-/// Patches that are drawn at a time.
+/// Patches drawn at a time.
 const DRAWN: usize = 64;
-/// /// Separates the seed of the predicted noise from that of the seen noise.
+/// Separates the seed of the predicted noise from that of the seen noise.
 const REDRAWN: u64 = 0x7a67 << 32;
-/// /// Steps over which the reported training loss is averaged.
+/// Steps over which the reported training loss is averaged.
 const REMEMBERED: f64 = 100.0;
-/// /// Steps with a loss that is not finite after which a fit fails.
+/// Steps with a loss that is not finite after which a fit fails.
 const MAX_REFUSED: usize = 30;
 
-/// /// Length of a fit.
+/// Length of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FitLength {
-    /// /// Number of steps; equal seeds then give equal bits on one machine.
+    /// Number of steps; equal seeds then give equal bits on one machine.
     Steps(usize),
-    /// /// Time.
+    /// Time.
     Time(Duration),
 }
 
-/// /// Callback after every step: receives the progress and a function that makes the model as if the fit ended there. `Break`
-/// /// cancels; `Continue(Some(n))` plans n steps in all, and the rest of the schedule is spread over them.
+/// Callback after every step: receives the progress and a function that makes the model as if the fit ended there. `Break`
+/// cancels; `Continue(Some(n))` plans n steps in all, and the rest of the schedule is spread over them.
 pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
 
-/// /// Optional parts of a fit: checkpoint and validation.
+/// Optional parts of a fit: checkpoint and validation.
 #[derive(Clone, Copy)]
 pub(in crate::information) struct FitAids<'a> {
-    /// /// Checkpoint; a fit resumes from it.
+    /// Checkpoint; a fit resumes from it.
     pub keeper: Option<&'a dyn FitCheckpoint>,
-    /// /// Validation patches; the weights that score best on them win.
+    /// Validation patches; the weights that score best on them win.
     pub validation: Option<&'a PatchBatch>,
 }
 
-/// /// Result of a fit.
+/// Result of a fit.
 pub(in crate::information) struct Fitted {
-    /// /// Steps, those of earlier sessions included.
+    /// Steps, those of earlier sessions included.
     pub steps: usize,
-    /// /// Step of the best validation score, where it beats the final weights.
+    /// Step of the best validation score, where it beats the final weights.
     pub best: Option<usize>,
-    /// /// Computing time of earlier sessions.
+    /// Computing time of earlier sessions.
     pub before: Duration,
 }
 
-/// How a model is fitted.
+/// Settings of a fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CausalFit {
     /// Patches of one step.
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
-    /// What the weights are averaged over.
+    /// Averaging of the weights.
     pub averaging: Averaging,
     /// Largest norm of a gradient; longer ones are shortened to it.
     pub max_norm: f64,
-    /// When it ends.
+    /// Length of the fit.
     pub length: FitLength,
     /// Seed of patches and noise.
     pub seed: u64,
 }
 
 impl CausalFit {
-    /// The default procedure.
+    /// Default settings.
     pub fn new(length: FitLength, seed: u64) -> Self {
         Self { batch: BATCH, rate: RATE, averaging: Averaging::LAST_TENTH, max_norm: MAX_NORM, length, seed }
     }
 
-    /// Fits `model` to fresh patches of `stream`; its weights become the average over the last steps. Returns the
+    /// Fits `model` to new patches of `stream`; its weights become the average over the last steps. Returns the
     /// number of steps.
     ///
     /// # Errors
-    /// Where the stream fails, numbers stay infinite, or `on_progress` cancels; the model then keeps what it had
-    /// learned.
+    /// Where the stream fails, numbers stay infinite, or `on_progress` cancels; the model then keeps the weights
+    /// reached.
     pub fn fit(
         &self,
         model: &mut CausalModel,
@@ -103,7 +103,7 @@ impl CausalFit {
         self.fit_watched(model, (stream, None), &mut |progress, _| on_progress(progress).map_continue(|()| None))
     }
 
-    /// /// As [`CausalFit::fit`], with a callback that can see the model ([`OnStep`]) and optional validation patches.
+    /// As [`CausalFit::fit`], with a callback that can see the model ([`OnStep`]) and optional validation patches.
     ///
     /// # Errors
     /// As [`CausalFit::fit`]; where the validation patches do not fit the model.
@@ -116,11 +116,12 @@ impl CausalFit {
         Ok(self.fit_aided(model, stream, FitAids { validation, keeper: None }, on_step)?.steps)
     }
 
-    /// /// As [`CausalFit::fit_watched`], with a checkpoint. With a fixed number of steps a resumed fit gives the same bits.
+    /// As [`CausalFit::fit_watched`], with a checkpoint. With a fixed number of steps a resumed fit gives the same
+    /// bits.
     ///
     /// # Errors
-    /// As there; where the state cannot be read or written, or is that of another fit; where the validation patches do not
-    /// fit the model.
+    /// As there; where the checkpoint cannot be read or written, or belongs to another fit; where the validation
+    /// patches do not fit the model.
     pub(in crate::information) fn fit_aided(
         &self,
         model: &mut CausalModel,
@@ -169,17 +170,17 @@ impl CausalFit {
         }
     }
 
-    /// The patches of every step that those drawn at a time are enough for.
+    /// Index ranges of the patches of each step, until the drawn ones are used up.
     pub(super) fn batches(&self) -> impl DoubleEndedIterator<Item = Range<usize>> + use<> {
         let batch = self.batch.clamp(1, DRAWN);
         (0..DRAWN / batch).map(move |index| index * batch..(index + 1) * batch)
     }
 }
 
-/// /// Length of a fit, which can be revised.
+/// Length of a fit, which can be revised.
 struct Plan {
     length: FitLength,
-    /// Steps after which it was revised last, and the share of the fit that was over then.
+    /// Steps at the last revision, and the share of the fit that was done then.
     revised: (usize, f64),
 }
 
@@ -188,7 +189,7 @@ impl Plan {
         Self { length, revised: (0, 0.0) }
     }
 
-    /// /// Plans `all` steps in total, if the fit counts steps.
+    /// Plans `all` steps in total, if the fit counts steps.
     fn revise(&mut self, steps: usize, all: usize) {
         if let FitLength::Steps(_) = self.length {
             self.revised = (steps, self.done(steps, Duration::ZERO));
@@ -196,7 +197,7 @@ impl Plan {
         }
     }
 
-    /// Share of the fit that is over.
+    /// Share of the fit that is done.
     fn done(&self, steps: usize, elapsed: Duration) -> f64 {
         match self.length {
             // Rounding must not ask for one more.
@@ -228,7 +229,7 @@ impl Plan {
     }
 }
 
-/// /// Optimizer of a model, and the state of its fit.
+/// Optimizer of a model, and the state of its fit.
 pub(super) struct Trainer {
     optimizer: Optimizer,
     pub course: FitState,
@@ -244,7 +245,7 @@ impl Trainer {
         }
     }
 
-    /// /// Draws patches for the next steps: network inputs and prediction targets.
+    /// Draws patches for the next steps: network inputs and prediction targets.
     pub fn draw(
         &mut self,
         fit: &CausalFit,

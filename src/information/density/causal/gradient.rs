@@ -1,5 +1,5 @@
-//! How information changes with the encoded images, the model's weights held: the link between a density model and the
-//! mask that makes the images.
+//! Gradient of the information by the encoded images, with the model's weights held fixed. It links a density model
+//! to the mask that makes the images.
 
 use ndarray::{Array3, ArrayView3, Axis};
 use rayon::prelude::*;
@@ -15,8 +15,8 @@ use crate::information::error::InformationError;
 use crate::nn::if_not_negligible;
 
 impl FrozenDensity for CausalModel {
-    /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. Of Poisson counts the part of both that depends on
-    /// y alone drops out.
+    /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. For Poisson counts the part that depends on
+    /// y alone drops out of both.
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
@@ -35,7 +35,7 @@ impl FrozenDensity for CausalModel {
                 self.workspaces.with(self, |workspace| self.loss_by_patch(workspace, inputs.patch(index, pixels)))
             })
             .collect();
-        // Through the prediction all patches go together: its matrix is large.
+        // The gradient through the prediction is computed for all patches together: its matrix is large.
         let by_predicted: Vec<f32> = parts.iter().flat_map(|part| part.by_predicted.iter().copied()).collect();
         let through = self.conditioning.through_predictions(&by_predicted);
         let losses = parts.iter().flat_map(|part| part.nats.iter().zip(&part.by_values)).zip(&through);
@@ -46,7 +46,7 @@ impl FrozenDensity for CausalModel {
             let (seen, e, y) = (f64::from(x).max(DARKEST), f64::from(e), f64::from(y));
             let [log, slope_y, slope_x] = self.likelihood(y, seen);
             total += nats + log;
-            // Darker pixels all count as that dark.
+            // Darker pixels all count as this dark.
             let is_dark = f64::from(x) < seen;
             let slope = || slope_x + (slope_y + by_value + f64::from(through)) * noise.slope(seen, e);
             *out = if is_dark { 0.0 } else { slope() };
@@ -58,6 +58,7 @@ impl FrozenDensity for CausalModel {
 }
 
 impl CausalModel {
+    ///
     /// -ln q of every pixel of one patch, and the gradients of their sum; Poisson likelihoods without the part that
     /// depends on y alone.
     fn loss_by_patch(&self, workspace: &mut Workspace, inputs: PatchInputs<'_>) -> PatchLoss {
@@ -81,7 +82,7 @@ impl CausalModel {
         PatchLoss { nats, by_values, by_predicted }
     }
 
-    /// ln p(y | x) as in [`Levels::smooth_likelihoods`], and its slopes by y and by x.
+    /// ln p(y | x) as in [`Levels::smooth_likelihoods`], and its derivatives by y and by x.
     fn likelihood(&self, y: f64, x: f64) -> [f64; 3] {
         let read = self.conditioning.noise.read_sigma().map_or(0.0, |sigma| sigma * sigma);
         if self.conditioning.levels.has_counts() {
@@ -95,15 +96,15 @@ impl CausalModel {
     }
 }
 
-/// What the pixels of one patch lose.
+/// Losses of the pixels of one patch, and their gradients.
 struct PatchLoss {
     nats: Vec<f64>,
-    /// By the photons, apart from those through the prediction.
+    /// By the photons, without the part through the prediction.
     by_values: Vec<f64>,
     by_predicted: Vec<f32>,
 }
 
-/// What one pixel loses, and derivatives.
+/// Loss of one pixel and its derivatives.
 struct PixelLoss {
     nats: f64,
     by_y: f64,
@@ -116,9 +117,9 @@ struct Mixture {
     logs: Vec<f64>,
     shares: Vec<f32>,
     slopes: Vec<f32>,
-    /// The outputs before their gradients took their place.
+    /// The outputs before they are replaced by their gradients.
     before: Vec<f32>,
-    /// Pulls of the prediction and weights as [`level_losses`] leaves them, and room.
+    /// Gradients of the prediction and weights as [`level_losses`] leaves them, and scratch space.
     scratch: Vec<f32>,
 }
 
@@ -134,7 +135,7 @@ impl Mixture {
         }
     }
 
-    /// The loss of a pixel that measured `y` and its derivatives; those by the outputs take the place of these.
+    /// The loss of a pixel that measured `y` and its derivatives; those by the outputs replace the outputs.
     fn loss(&mut self, levels: &Levels, y: f64, guess: (f32, f32), outputs: &mut [f32]) -> PixelLoss {
         let count = levels.count();
         let largest = levels.smooth_likelihoods(y, &mut self.logs, &mut self.shares, &mut self.slopes);

@@ -2,20 +2,22 @@
 
 use crate::nn::{LANES, exponential, if_not_negligible, logarithm, sum_of_lanes, vectorised};
 
-/// A level is never further from the linear prediction than this says, nats.
+/// Smallest log weight of a level by the linear prediction, nats.
 pub(super) const FARTHEST: f32 = -30.0;
-/// Mixtures of less than this, relative to the best level, are not trusted to single precision.
+/// Mixtures below this, relative to the best level, are recomputed in double precision.
 const SMALLEST: f32 = 1e-15;
 
 vectorised! {
-    /// Negative log-likelihoods of pixels, nats, each the mean over what might have been measured there, and their gradients.
+    /// Negative log-likelihoods of pixels, nats, each the mean over the possible measurements there, and their
+    /// gradients.
     ///
-    /// `outputs` (pixels, levels + 1) holds the outputs of the network, the last of them the weight that the linear
-    /// prediction gets beyond 1; it is overwritten with `weight` times the gradient of the loss by them. `guess` holds
-    /// the predicted mean (photons) and -1/2 over its variance, `likelihoods` (pixels, targets) those of all levels relative to the
-    /// largest, and the logarithm of that one. `losses` (pixels) receives the negative logarithms; infinity where a
-    /// likelihood relative to the best level is below [`SMALLEST`]. `scratch` is for two numbers by level, the pull of the
-    /// prediction and the weight at the last pixel, and one by target. The number of levels is a multiple of [`LANES`].
+    /// `outputs` (pixels, levels + 1) holds the outputs of the network; the last one is the weight of the linear
+    /// prediction beyond 1. It is overwritten with `weight` times the gradient of the loss by them. `guess` holds the
+    /// predicted mean (photons) and -1/2 over its variance. `likelihoods` (pixels, targets) holds those of all levels
+    /// relative to the largest, and the logarithm of that one. `losses` (pixels) receives the negative logarithms;
+    /// infinity where a likelihood relative to the best level is below [`SMALLEST`]. `scratch` holds two numbers per
+    /// level, the log weight by the prediction and the weight at the last pixel, and one per target. The number of
+    /// levels is a multiple of [`LANES`].
     #[allow(clippy::too_many_arguments, reason = "slices of one batch, all needed in the same loop")]
     pub(super) fn level_losses<'a, fused FUSED>(
         photons: &'a [f32],
@@ -69,7 +71,7 @@ vectorised! {
             let mut nats = 0.0;
             for (factor, (_, largest_log)) in factors.iter_mut().zip(likelihoods) {
                 let mixture = *factor;
-                // A share of the mixture that single precision cannot hold is summed elsewhere; it has no gradient here.
+                // Parts of the mixture below single precision are summed elsewhere; they have no gradient here.
                 let trusted = mixture > SMALLEST * total;
                 nats += if trusted { log_total - logarithm::<FUSED>(mixture) - largest_log } else { f32::INFINITY };
                 *factor = if trusted { weight / (mixture * targets as f32) } else { 0.0 };
@@ -95,9 +97,10 @@ vectorised! {
     }
 }
 
-/// The loss of one pixel in double precision, nats, from the logarithms of the likelihoods of its levels (any constant
-/// added), and the posterior of every level; `outputs` is overwritten with `weight` times the gradient by it. For what [`level_losses`] cannot hold: without it
-/// a pixel that the network holds for all but impossible would never be learned.
+/// The loss of one pixel in double precision, nats, and the posterior of every level. The inputs are the logarithms
+/// of the likelihoods of its levels (any constant added). `outputs` is overwritten with `weight` times the gradient
+/// by it. It replaces [`level_losses`] where single precision fails: without it the network would never learn pixels
+/// to which it gives almost no probability.
 pub(super) fn exact_loss(
     photons: &[f32],
     (mean, half): (f32, f32),
@@ -129,7 +132,7 @@ pub(super) fn exact_loss(
     (total - mixture, posteriors)
 }
 
-/// ln of the sum of exponentials.
+/// ln of a sum of exponentials.
 fn log_sum(logs: &[f64]) -> f64 {
     let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     most + logs.iter().map(|log| (log - most).exp()).sum::<f64>().ln()

@@ -1,4 +1,4 @@
-//! What a fitted model gives to the fit of a similar design.
+//! Initial weights of a fit: pretrained, random, or from the model of a similar design.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use crate::information::error::InformationError;
 use crate::nn::ParameterLayout;
 use crate::sensor::Noise;
 
-/// Largest distance of a far place in rows or columns, px; that which stands for none is as far.
+/// Largest distance of a far place in rows or columns, px; the distance of an unused place.
 const FARTHEST: usize = 1_000_000;
 
 /// Initial weights of a model.
@@ -30,8 +30,8 @@ pub enum Init<'a> {
     Warm(&'a CausalStart),
 }
 
-/// Everything that a fit takes from the model of a similar design, in numbers that go through a file unchanged: a fit that
-/// starts from them is the same whenever it is repeated.
+/// Data that a fit takes from the model of a similar design. The numbers pass through a file unchanged, so a fit that
+/// starts from them is reproducible.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CausalStart {
     pub(super) shape: CausalShape,
@@ -51,12 +51,12 @@ impl CausalStart {
         &self.weights
     }
 
-    /// Whether it is of measurements with this noise.
+    /// Whether it belongs to measurements with this noise.
     pub fn is_of(&self, noise: Noise) -> bool {
         self.noise == noise
     }
 
-    /// Whether a model can have given it, and not a damaged file.
+    /// Whether the values are those of a model and not of a damaged file.
     pub fn is_sound(&self) -> bool {
         let near = |place: &(isize, isize)| place.0.unsigned_abs() <= FARTHEST && place.1.unsigned_abs() <= FARTHEST;
         let units = [self.roots.0, self.roots.1, self.photons.0, self.photons.1];
@@ -67,7 +67,7 @@ impl CausalStart {
             && self.layout(Levels::spanning(self.noise, self.span).count()).is_some()
     }
 
-    /// Where the weights lie; none where they are too many or too few, as those of a damaged file are.
+    /// Places of the weights; `None` where their number is wrong, as in a damaged file.
     pub(super) fn layout(&self, levels: usize) -> Option<ParameterLayout> {
         let (_, layout) = self.shape.layers(levels, &self.far);
         (layout.count() == self.weights.len() && self.weights.iter().all(|weight| weight.is_finite())).then_some(layout)
@@ -91,11 +91,12 @@ impl From<&CausalModel> for CausalStart {
 }
 
 impl CausalModel {
-    /// A model for patches like those of `sample` before its fit; from that of a similar design the weights are taken as far
-    /// as they fit, so that it needs few steps.
+    /// A model for patches like those of `sample` before its fit. From the model of a similar design it takes the
+    /// weights as far as they fit, so that it needs few steps.
     ///
     /// # Errors
-    /// For no noise, patches that are empty, too large, constant or not finite, and moments that are no covariance.
+    /// For no noise; for patches that are empty, too large, constant or not finite; for moments that are no
+    /// covariance.
     pub fn new(
         shape: CausalShape,
         noise: Noise,
@@ -131,7 +132,7 @@ impl CausalModel {
                 let (own, start) = (&mut model.weights[tensor.range.clone()], &start.weights[from.range.clone()]);
                 match tensor.name.as_str() {
                     "head.kernel" if !same_levels => carry(start, nodes.len(), &places, own),
-                    // How frequent levels are is known of each design.
+                    // The frequencies of the levels are known for each design.
                     "head.bias" if !same_levels => own[places.len()] = start[nodes.len()],
                     _ => own.copy_from_slice(start),
                 }
@@ -140,7 +141,7 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// Takes the weights that come with the program, where they are of its shape.
+    /// Takes the pretrained weights, where they have its shape.
     pub(super) fn begin_as_shipped(&mut self) {
         if let Some(first) = PretrainedWeights::shipped() {
             first.put_into(self);

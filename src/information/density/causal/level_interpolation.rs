@@ -1,7 +1,7 @@
-//! Weights of levels, carried from some levels to others by interpolation.
+//! Weights of levels, interpolated from one intensity grid to another.
 
-/// Where each of `places` lies among `nodes`, which rise: the node below it, and how far it lies towards the next one, 0 to 1.
-/// Places beyond the ends are taken to be there.
+/// Positions of `places` among `nodes`, which increase: the node below, and the distance towards the next one, 0 to 1.
+/// Places beyond the ends are moved to the ends.
 pub(super) fn among(nodes: &[f32], places: impl Iterator<Item = f32>) -> Vec<(usize, f32)> {
     places
         .map(|place| {
@@ -23,7 +23,7 @@ pub(super) fn carry(from: &[f32], nodes: usize, places: &[(usize, f32)], to: &mu
     }
 }
 
-/// The transpose of [`carry`]: adds to gradients by the weights of nodes those by the weights of places.
+/// The transpose of [`carry`]: adds the gradients by the weights of places to those by the weights of nodes.
 pub(super) fn carry_back(by_places: &[f32], places: &[(usize, f32)], nodes: usize, by_nodes: &mut [f32]) {
     for (by, out) in by_places.chunks_exact(places.len() + 1).zip(by_nodes.chunks_exact_mut(nodes + 1)) {
         for (by, &(node, share)) in by.iter().zip(places) {
@@ -48,7 +48,7 @@ mod tests {
         carry(&from, 4, &places, &mut to);
         assert_eq!(to[..8], [-1.0, -1.0, 0.5, 2.0, 4.0, 5.0, 5.0, 7.0]);
         assert_eq!(to[8..], [-10.0, -10.0, 5.0, 20.0, 40.0, 50.0, 50.0, 7.0]);
-        // Back along the same way: both products agree.
+        // The transpose has the same inner products.
         let by: Vec<f32> = (0..16).map(|i| (i * 5 % 7) as f32 - 3.0).collect();
         let mut back = vec![0.0; 10];
         carry_back(&by, &places, 4, &mut back);

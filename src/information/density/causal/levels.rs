@@ -1,4 +1,4 @@
-//! //! Intensity grid: possible expected photons of a pixel, and the likelihood of a measurement for each.
+//! Intensity grid: possible expected photons of a pixel, and the likelihood of a measurement for each.
 
 use ndarray::ArrayView3;
 use rayon::prelude::*;
@@ -8,22 +8,22 @@ use crate::information::entropy::likelihood::{ln_normal, ln_poisson, log_likelih
 use crate::nn::{exponential, vectorised};
 use crate::sensor::Noise;
 
-/// Levels are counted in multiples of this, which suits vector instructions.
+/// The number of levels is a multiple of this, which suits vector instructions.
 const ROUND: usize = 16;
-/// Fewest and most levels.
+/// Smallest and largest number of levels.
 const COUNTS: (usize, usize) = (64, 512);
-/// Wished distance between levels, in standard deviations of the noise.
+/// Intended distance between levels, in standard deviations of the noise.
 const SPACING: f64 = 0.8;
 /// Distance, in standard deviations of the noise, from which levels are widened so that no gap opens between them.
 const WIDEN_FROM: f64 = 1.2;
-/// Light in excess of the brightest pixel seen that levels still cover.
+/// Brightest level relative to the brightest pixel in the sample.
 const HEADROOM: f64 = 1.15;
-/// Distance, in standard deviations of the noise, that what levels serve may lie below them: the darkest pixels of two samples
-/// differ.
+/// Distance, in standard deviations of the noise, by which measurements may lie below the grid: the darkest pixels of
+/// two samples differ.
 const BEYOND: f64 = 1.0;
-/// What is left of [`HEADROOM`] at the least.
+/// Smallest remaining [`HEADROOM`].
 const LEAST_HEADROOM: f64 = 1.05;
-/// Share of levels that have to be used by what they serve.
+/// Smallest share of levels that measurements must use.
 const LEAST_USED: f64 = 0.6;
 /// Darkest level, photons: counts of 0 are then all but certain.
 const DARKEST: f64 = 1e-3;
@@ -56,7 +56,7 @@ impl Scale {
         }
     }
 
-    /// Slope of [`Scale::of`], per photon; 0 where that is cut off, as it is for what noise has made negative.
+    /// Derivative of [`Scale::of`], per photon; 0 where that is cut off, as for negative noisy values.
     pub fn slope(self, photons: f64) -> f64 {
         match self.noise {
             Noise::Read { sigma } => 1.0 / sigma,
@@ -65,7 +65,7 @@ impl Scale {
         }
     }
 
-    /// Slope of [`Scale::variance`], photons.
+    /// Derivative of [`Scale::variance`], photons.
     pub fn variance_slope(self, photons: f64) -> f64 {
         if self.noise.has_shot_noise() && photons > DARKEST { 1.0 } else { 0.0 }
     }
@@ -85,23 +85,23 @@ impl Scale {
     }
 }
 
-/// A Gaussian of this variance or more sums to no more than 1.00002 over whole numbers, so that it is a likelihood of
-/// counts too; narrower ones do not (Poisson summation).
+/// Smallest variance of a Gaussian likelihood of counts. A wider Gaussian sums to no more than 1.00002 over whole
+/// numbers, so it is a likelihood of counts too; narrower ones are not (Poisson summation).
 const LEAST_VARIANCE_OF_COUNTS: f64 = 0.6;
 
-/// Variance of levels so far apart, in standard deviations of the noise, over that of the noise.
+/// Variance of levels at this distance, in standard deviations of the noise, over that of the noise.
 fn widening(step: f64) -> f64 {
     if step > WIDEN_FROM { 1.0 + 0.25 * step * step } else { 1.0 }
 }
 
-/// How the likelihood of a level is found.
+/// Computation of the likelihood of a level.
 #[derive(Clone, Debug)]
 enum Kernel {
     /// Probabilities of the counts 0, 1, ..., each row (levels) divided by its largest entry.
     Counts(Table),
     /// Densities on a fine grid, interpolated linearly, which keeps their integral.
     Grid { first: f64, step: f64, table: Table },
-    /// Gaussians of these inverse deviations and log norms, where levels are far apart or what was measured is no count.
+    /// Gaussians of these inverse deviations and log norms, where levels are far apart or measurements are no counts.
     Gaussian { inverse: Vec<f32>, log_norm: Vec<f32> },
 }
 
@@ -113,18 +113,18 @@ struct Table {
     log_largest: Vec<f32>,
 }
 
-/// What levels are chosen for.
+/// Range and kind of the measurements for which levels are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct LevelSpan {
     /// Darkest and brightest pixel, photons.
     low: f64,
     high: f64,
-    /// Whether shot noise has left whole numbers.
+    /// Whether the measurements are whole numbers from shot noise.
     counts: bool,
 }
 
 impl LevelSpan {
-    /// Whether photons of a measurement can span it.
+    /// Whether the photons of a measurement can have this range.
     pub fn is_sound(self) -> bool {
         const MOST: f64 = 1e9;
         (-MOST..=MOST).contains(&self.low) && (self.low..=MOST).contains(&self.high)
@@ -146,8 +146,8 @@ pub(super) struct Levels {
 }
 
 impl Levels {
-    /// Levels for images of `clean` photons under a noise, or for noisy ones where no clean ones are known. `counts`
-    /// tells whether shot noise has left whole numbers.
+    /// Levels for images of `clean` photons under a noise, or for noisy ones where clean ones are unknown. `counts`
+    /// states whether the measurements are whole numbers from shot noise.
     pub fn new(noise: Noise, images: ArrayView3<'_, f32>, counts: bool) -> Self {
         let (low, high) = images.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), &x| {
             (low.min(f64::from(x)), high.max(f64::from(x)))
@@ -195,15 +195,15 @@ impl Levels {
             }
             _ => {}
         }
-        // Grey levels of a camera may be counts as well, of which some lie below its offset.
+        // Grey values of a camera may also be counts, some of them below its offset.
         let least = if noise == Noise::Shot { LEAST_VARIANCE_OF_COUNTS } else { 0.0 };
         let deviations = photons.iter().map(|&x| (widening(step) * scale.variance(x).max(least)).sqrt());
         let (inverse, log_norm) = deviations.map(|s| ((1.0 / s) as f32, ln_normal(0.0, s) as f32)).unzip();
         Kernel::Gaussian { inverse, log_norm }
     }
 
-    /// /// Whether this grid serves measurements that `others` was made for: it covers them to within the noise, and most of it is
-    /// /// used.
+    /// Whether this grid serves measurements that `others` was made for: it covers them to within the noise, and most of it is
+    /// used.
     pub fn serve(&self, others: &Self) -> bool {
         let scale = Scale::new(self.noise);
         let of = |photons: f32| scale.of(f64::from(photons));
@@ -213,7 +213,7 @@ impl Levels {
         low >= first - BEYOND && high <= last && high - low >= LEAST_USED * (last - first)
     }
 
-    /// /// Looseness of a density on a coarse grid, bits per pixel; `None` for a fine grid.
+    /// Looseness of a density on a coarse grid, bits per pixel; `None` for a fine grid.
     pub fn looseness(&self) -> Option<f64> {
         (self.step > WIDEN_FROM).then(|| 0.5 * widening(self.step).log2())
     }
@@ -237,7 +237,7 @@ impl Levels {
         (below.min(last), self.photons.partition_point(|&level| level < high).min(last))
     }
 
-    /// ln of how often the pixels of `images` (photons) lie nearest to each level, none of them impossible.
+    /// Log frequency with which the pixels of `images` (photons) lie nearest to each level; no level has frequency 0.
     pub fn log_frequencies(&self, images: ArrayView3<'_, f32>) -> Vec<f32> {
         let mut counts = vec![1.0_f64; self.count()];
         for &x in images {
@@ -249,12 +249,12 @@ impl Levels {
         counts.iter().map(|count| (count / total).ln() as f32).collect()
     }
 
-    /// Likelihoods of all levels for `y` photons, relative to the largest, and the logarithm of that one. `room` is for as many
-    /// numbers as there are levels.
+    /// Likelihoods of all levels for `y` photons, relative to the largest, and the logarithm of that one. `room`
+    /// holds one number per level.
     pub fn likelihoods<'a>(&'a self, y: f32, room: &'a mut [f32]) -> (&'a [f32], f32) {
         let levels = self.count();
         let log_largest = match &self.kernel {
-            // A measured stack can have a pixel below its offset now and then, which then counts as dark.
+            // A measured stack may have a pixel below its offset; it counts as dark.
             Kernel::Counts(table) if (y as usize) < table.log_largest.len() => {
                 return (table.row(y as usize, levels), table.log_largest[y as usize]);
             }
@@ -292,9 +292,9 @@ impl Levels {
         matches!(self.kernel, Kernel::Counts(_))
     }
 
-    /// `P(y | x_l)` of all levels as smooth functions of y, relative to the largest, whose logarithm is returned (nats), and
-    /// the slopes of their logarithms per photon. Of counts without the part that depends on y alone; of shot and read
-    /// noise together as a Gaussian of their variance.
+    /// `P(y | x_l)` of all levels as smooth functions of y, relative to the largest, whose logarithm is returned
+    /// (nats), and the derivatives of their logarithms per photon. For counts the part that depends on y alone is
+    /// left out. Shot and read noise together are a Gaussian of their variance.
     pub fn smooth_likelihoods(&self, y: f64, logs: &mut [f64], shares: &mut [f32], slopes: &mut [f32]) -> f64 {
         let levels = self.photons.iter().zip(logs.iter_mut()).zip(slopes.iter_mut());
         match &self.kernel {
@@ -414,7 +414,7 @@ mod tests {
                 assert!(total > 0.45, "{brightest} {photons}: {total}");
             }
         }
-        // A pixel below the dark is dark.
+        // A pixel below the offset counts as dark.
         let levels = levels(Noise::Shot, 100.0, true);
         let (mut below, mut dark) = (vec![0.0; levels.count()], vec![0.0; levels.count()]);
         assert_eq!(levels.likelihoods(-3.0, &mut below), levels.likelihoods(0.0, &mut dark));
@@ -436,7 +436,7 @@ mod tests {
         assert!(!known.serve(&spanning(20.0, 150.0)), "most levels would be idle");
     }
 
-    /// Every level is a density: the sum of its likelihoods over all that can be measured is 1.
+    /// Sum of the likelihoods of a level over all possible measurements, which is 1.
     fn total(levels: &Levels, level: usize, from: f64, step: f64, count: usize) -> f64 {
         let mut shares = vec![0.0; levels.count()];
         let mut sum = 0.0;

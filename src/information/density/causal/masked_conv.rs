@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::nn::{Grid, Layer, RowAbove, Taps, TileMemory, Write};
 
-/// Where its weights lie among all, and how it is computed: the own row by a product of gathered pixels, the row above by minimal
+/// Places of its weights, and its computation: the own row by a product of gathered pixels, the row above by minimal
 /// filtering.
 #[derive(Clone, Debug)]
 pub(super) struct MaskedConv {
@@ -15,7 +15,7 @@ pub(super) struct MaskedConv {
     above_kernel: Range<usize>,
 }
 
-/// What one thread needs for such layers.
+/// Memory of one thread for such layers.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MaskedConvMemory {
     columns: Vec<f32>,
@@ -25,7 +25,7 @@ pub(super) struct MaskedConvMemory {
 impl MaskedConv {
     /// Number of taps.
     pub const COUNT: usize = 5;
-    /// Those in the own row.
+    /// Number of taps in the own row.
     const OWN: usize = 2;
 
     /// With `dilation` px between the taps; the kernel of `layer` has shape (5 taps, channels, outputs), its taps in the order of
@@ -50,8 +50,8 @@ impl MaskedConv {
         self.above.add_forward(grid, &kernel, input, out, tiles);
     }
 
-    /// Gradient by the input, written to `by_input` (pixels, channels), from the gradient by the output (pixels, outputs). Those
-    /// by its weights are written to `gradient`, of the length of all weights, where that is asked for.
+    /// Writes the gradient by the input to `by_input` (pixels, channels), from the gradient by the output (pixels,
+    /// outputs). Those by its weights are written to `gradient`, of the length of all weights, where it is given.
     pub fn backward(
         &self,
         grid: Grid,

@@ -1,4 +1,4 @@
-//! Patches of fresh measurements, cut at random places, and the base images that they show.
+//! Patches of new measurements, cut at random places, and the base images that they show.
 
 use std::ops::Range;
 
@@ -12,17 +12,17 @@ use crate::objects::{ObjectSet, PlacedPicture, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches, SensorError};
 
-/// Patches that are cut from one measurement while a model is fitted: drawing objects costs more than cutting.
+/// Patches cut from one measurement during a fit: drawing objects costs more than cutting.
 const PATCHES_PER_OBJECT: usize = 4;
 
-/// Patches that validate a fit to few images.
+/// Validation patches of a fit to few images.
 const VALIDATION_PATCHES: usize = 64;
 
-/// Least share of the light of a patch that makes a base image one of those that it shows.
+/// Smallest share of the light of a patch for a base image to count.
 const LEAST_SHARE: f64 = 1e-3;
 
 impl<'a> ForwardModel<'a> {
-    /// Which base images patches at `places` show through a point spread function of shape (planes, rows, cols), whose
+    /// Base images that patches at `places` show through a point spread function of shape (planes, rows, cols). The
     /// measurements are those of objects `first` and so on of a part and seed; `None` for beads.
     pub fn shared_pictures(
         &self,
@@ -45,12 +45,13 @@ impl<'a> ForwardModel<'a> {
         Some(SharedImages::new(corners.iter().map(shown).collect()))
     }
 
-    /// Fresh patches of measurements of one part of the objects.
+    /// New patches of measurements of one part of the objects.
     pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
         MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
     }
 
-    /// Fresh patches of training objects for a fit, and held-out ones that [validate](ObjectSet::fitting_parts) it where these are few.
+    /// New patches of training objects for a fit, and held-out ones that [validate](ObjectSet::fitting_parts) it
+    /// where these are few.
     ///
     /// # Errors
     /// As [`PatchStream::draw`].
@@ -67,9 +68,9 @@ impl<'a> ForwardModel<'a> {
     }
 }
 
-/// How much of the light of a patch comes from which part of an object, if that is evenly bright.
+/// Share of the light of a patch from each part of an evenly bright object.
 struct Footprint {
-    /// Entry [r, c]: that of all object pixels above and left of (r, c), counted from the patch's corner.
+    /// Entry [r, c]: the share of all object pixels above and left of (r, c), counted from the patch's corner.
     above: Array2<f64>,
 }
 
@@ -77,7 +78,7 @@ impl Footprint {
     /// Of a patch (rows, cols) through a point spread function.
     fn new(psf: ArrayView2<'_, f64>, patch: (usize, usize)) -> Self {
         let (rows, cols) = (patch.0 + psf.nrows() - 1, patch.1 + psf.ncols() - 1);
-        // The PSF is turned round; a box of the patch's size around each of its pixels.
+        // The PSF is rotated by 180 degrees; a box of the patch's size surrounds each of its pixels.
         let turned = summed(psf.nrows(), psf.ncols(), |r, c| psf[[psf.nrows() - 1 - r, psf.ncols() - 1 - c]]);
         let inside =
             |at: usize, side: usize, length: usize| ((at + 1).saturating_sub(side).min(length), (at + 1).min(length));
@@ -89,7 +90,7 @@ impl Footprint {
         Self { above: summed(rows, cols, light) }
     }
 
-    /// Of a patch with this corner, what comes from a base image.
+    /// Light of a base image in a patch with this corner.
     fn light(&self, placed: &PlacedPicture, (row, col): (usize, usize)) -> f64 {
         let (rows, cols) = (self.above.nrows() as isize - 1, self.above.ncols() as isize - 1);
         let span = |range: &Range<isize>, corner: usize, length: isize| {
@@ -129,7 +130,8 @@ pub struct MeasurementStream<'a> {
 }
 
 impl MeasurementStream<'_> {
-    /// Independent patches: each is cut from a measurement of its own. Fewer of a seed are the first of more.
+    /// Independent patches: each is cut from its own measurement. A smaller number of a seed gives the first of a
+    /// larger number.
     ///
     /// # Errors
     /// As [`PatchStream::draw`].
@@ -138,8 +140,8 @@ impl MeasurementStream<'_> {
         self.cut((count, seed), Patches::one_each((count, rows, cols), self.patch, seed))
     }
 
-    /// Which base images the patches of [`MeasurementStream::draw_one_each`] show through the mask's point spread function,
-    /// shape (planes, rows, cols); `None` for beads.
+    /// Base images that the patches of [`MeasurementStream::draw_one_each`] show through the mask's point spread
+    /// function, shape (planes, rows, cols); `None` for beads.
     ///
     /// # Errors
     /// As [`PatchStream::draw`].
@@ -156,8 +158,8 @@ impl MeasurementStream<'_> {
         Ok(imaging.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
     }
 
-    /// Patches at `places` of the measurements of so many objects of a seed. They are drawn part by part: few large images fit into
-    /// memory at a time.
+    /// Patches at `places` of the measurements of a number of objects of a seed. They are drawn in parts: few large
+    /// images fit into memory at a time.
     fn cut(
         &self,
         (objects, seed): (usize, u64),
@@ -183,7 +185,7 @@ impl MeasurementStream<'_> {
 impl PatchStream for MeasurementStream<'_> {
     fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
         if self.convolver.plan().measurement_shape() == self.patch {
-            // Of whole measurements every object has one.
+            // Each object has one whole measurement.
             return self.draw_one_each(count, seed);
         }
         let ((rows, cols), objects) = (self.convolver.plan().measurement_shape(), count.div_ceil(PATCHES_PER_OBJECT));
@@ -226,7 +228,7 @@ mod tests {
         let (fit, validation) = (shown(Split::Fit), shown(Split::Validation));
         assert!(fit.is_disjoint(&validation) && validation.len() == 1);
         assert_eq!(&fit | &validation, shown(Split::Train));
-        // There is no end of beads.
+        // Beads are unlimited.
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &ObjectOptions::default()).unwrap();
         assert_eq!(set.fitting_parts(), (Split::Train, None));
     }
@@ -236,7 +238,7 @@ mod tests {
         let (set, psf) = (twelve_pictures(), render_psf(&heuristic_layout(3), 1).unwrap());
         let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
         let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::All, (20, 26));
-        // More than are drawn at a time.
+        // More than one batch.
         let count = set.batch() + 40;
         let clean = stream.draw_one_each(count, 5).unwrap().clean.unwrap();
         let shared = stream.shared_pictures(&imaging, psf.view(), count, 5).unwrap().unwrap();

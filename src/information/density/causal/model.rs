@@ -15,14 +15,14 @@ use crate::information::error::InformationError;
 use crate::nn::{ParameterLayout, Pool, euclidean_norm, ordered_sum};
 use crate::sensor::Noise;
 
-/// Patches that are made ready and scored at a time.
+/// Patches that are converted and scored at a time.
 const GROUP: usize = 64;
 
-/// A density of patches in raster order: each pixel is a mixture of the noise around clean levels, whose weights a
-/// gated residual network takes from the pixels before it.
+/// A density of patches in raster order. Each pixel is a mixture of the noise around clean levels; a gated residual
+/// network computes the weights from the pixels before it.
 ///
-/// No density is narrower than the noise, whatever the noise; every level's likelihood sums to 1, so the cross-entropy
-/// bounds the entropy of the measurements from above by construction.
+/// No density is narrower than the noise, and every level's likelihood sums to 1. The cross-entropy is therefore an
+/// upper bound on the entropy of the measurements.
 #[derive(Clone, Debug)]
 pub struct CausalModel {
     pub(super) shape: CausalShape,
@@ -30,7 +30,7 @@ pub struct CausalModel {
     pub(super) layers: Layers,
     pub(super) layout: ParameterLayout,
     pub(super) weights: Vec<f32>,
-    /// /// Workspaces for evaluation, shared with clones to avoid allocation for small batches.
+    /// Workspaces for evaluation, shared with clones to avoid allocation for small batches.
     pub(super) workspaces: Arc<Workspaces>,
 }
 
@@ -71,8 +71,8 @@ impl CausalModel {
         self.layout.count()
     }
 
-    /// Bits per pixel that the estimate may be too high by, where the intensity grid is too coarse for the range of light;
-    /// `None` for a fine grid.
+    /// Largest excess of the estimate in bits per pixel, where the intensity grid is too coarse for the range of
+    /// light; `None` for a fine grid.
     pub(in crate::information) fn looseness_bits(&self) -> Option<f64> {
         self.conditioning.levels.looseness()
     }
@@ -124,7 +124,8 @@ impl CausalModel {
     }
 }
 
-/// Refuses a patch, rows and columns in pixels, that is too large for the model: before thousands of them are drawn.
+/// Checks that a patch, rows and columns in pixels, is not too large for the model, before thousands of them are
+/// drawn.
 ///
 /// # Errors
 /// [`InformationError::PatchSize`].
@@ -135,7 +136,7 @@ pub fn check_causal_patch((rows, cols): (usize, usize)) -> Result<(), Informatio
     Ok(())
 }
 
-/// Refuses patches that cannot be modelled.
+/// Checks that patches can be modelled.
 pub(super) fn check(patches: ArrayView3<'_, f32>) -> Result<(), InformationError> {
     let (count, rows, cols) = patches.dim();
     check_causal_patch((rows, cols))?;
@@ -161,8 +162,8 @@ impl Gradients {
         Self { workspaces: Workspaces::default(), parts: Vec::new(), total: vec![0.0; count] }
     }
 
-    /// Mean negative log-likelihood of the patches of these indices, nats per pixel; its gradient is left in
-    /// [`Gradients::total`].
+    /// Returns the mean negative log-likelihood of the patches of these indices, nats per pixel; writes its gradient
+    /// to [`Gradients::total`].
     pub fn evaluate(&mut self, model: &CausalModel, inputs: &Inputs, indices: &[usize]) -> f64 {
         let pixels = model.conditioning.patch.0 * model.conditioning.patch.1;
         let weight = 1.0 / (pixels * indices.len()) as f32;
@@ -189,7 +190,7 @@ impl Gradients {
     }
 }
 
-/// Memory of the threads, kept from patch to patch.
+/// Memory of the threads, reused from patch to patch.
 #[derive(Debug, Default)]
 pub(super) struct Workspaces(Pool<Workspace>);
 
@@ -225,7 +226,7 @@ mod tests {
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: dilations.to_vec() };
         let mut model = CausalModel::new(shape, noise, &sample, &moments, Init::Random, 3).unwrap();
-        // Away from the first weights, where some gradients are 0.
+        // Away from the initial weights, where some gradients are 0.
         for (i, weight) in model.weights.iter_mut().enumerate() {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
         }
@@ -258,7 +259,7 @@ mod tests {
     fn targets_replace_the_measured_values_in_the_loss() {
         let (mut model, patches) = model(Noise::Shot, (6, 7));
         let clean = patches.mapv(|y| y + 3.0);
-        // The linear prediction is trusted so much that what it does not expect is all but impossible.
+        // With this weight of the linear prediction, unexpected values are almost impossible.
         model.weights[model.layers.head.bias.end - 1] = 2.0;
         let of = |targets: &[f32]| {
             let mut inputs = model.conditioning.inputs(patches.view());
@@ -287,7 +288,7 @@ mod tests {
 
     #[test]
     fn density_depends_on_past_pixels_only() {
-        // The last as wide apart as those of the program, so that the farthest taps lie within the patch.
+        // The last dilation is as wide as the program's, so that the farthest taps lie within the patch.
         let all = CausalShape::default().dilations;
         let cases: [(Noise, &[usize], _); 3] = [
             (Noise::Shot, &[1, 2], (5, 6)),

@@ -1,4 +1,4 @@
-//! The network itself: from patches to losses, and from losses to gradients by weights.
+//! Forward and backward pass of the network: from patches to losses, and from losses to gradients by weights.
 
 use super::conditioning::{Conditioning, PatchInputs, WINDOW_CHANNELS};
 use super::head::{exact_loss, level_losses};
@@ -7,10 +7,10 @@ use super::masked_conv::MaskedConvMemory;
 use super::shape::{Block, CausalShape, FAR_CHANNELS, Layers};
 use crate::nn::{Grid, Write, glu, glu_backward, rms_norm, rms_norm_backward, silu, silu_backward};
 
-/// Pixels whose likelihoods are looked up at a time: few enough to stay near the processor.
+/// Pixels whose likelihoods are looked up at a time: few enough for the cache.
 const STRETCH: usize = 32;
 
-/// What the backward pass needs of one residual block.
+/// Values of one residual block that the backward pass needs.
 #[derive(Clone, Debug, Default)]
 struct Kept {
     /// Input of the block, (pixels, C).
@@ -23,7 +23,7 @@ struct Kept {
     sigmoids: Vec<f32>,
     /// Output of the gate, (pixels, C).
     gated: Vec<f32>,
-    /// What far places are shown, (pixels, [`FAR_CHANNELS`]).
+    /// Input of the far places, (pixels, [`FAR_CHANNELS`]).
     narrow: Vec<f32>,
 }
 
@@ -45,7 +45,7 @@ pub(super) struct Workspace {
     last: Vec<f32>,
     /// Outputs, later the gradient by them; (pixels, levels + 1).
     outputs: Vec<f32>,
-    /// Those of a few pixels as they were before their gradients took their place.
+    /// Outputs of a few pixels before they are replaced by their gradients.
     before_losses: Vec<f32>,
     shares: Vec<f32>,
     /// Negative log-likelihoods of the pixels, nats.
@@ -97,7 +97,7 @@ impl Workspace {
         }
     }
 
-    /// Whether it is of this size.
+    /// Whether the workspace has this size.
     pub fn serves(&self, layers: &Layers, patch: (usize, usize)) -> bool {
         (self.grid.rows, self.grid.cols) == patch
             && self.levels + 1 == layers.head.outputs
@@ -137,8 +137,8 @@ impl Workspace {
         &self.outputs
     }
 
-    /// Losses in [`Workspace::losses`] and `weight` times their gradients by the outputs; call [`Workspace::forward`]
-    /// first.
+    /// Writes losses to [`Workspace::losses`] and `weight` times their gradients over the outputs; call
+    /// [`Workspace::forward`] first.
     pub fn score(&mut self, conditioning: &Conditioning, inputs: PatchInputs<'_>, weight: f32) {
         let levels = &conditioning.levels;
         let (count, targets) = (levels.count(), inputs.targets.len() / inputs.values.len());
@@ -147,7 +147,7 @@ impl Workspace {
         let stretches = self.outputs.chunks_mut(STRETCH * (count + 1)).zip(self.losses.chunks_mut(STRETCH));
         let given = inputs.guess.chunks(STRETCH).zip(inputs.targets.chunks(STRETCH * targets));
         for ((outputs, losses), (guess, values)) in stretches.zip(given) {
-            // Where single precision fails, the outputs are needed as they were.
+            // Where single precision fails, the original outputs are needed.
             let before = &mut self.before_losses[..outputs.len()];
             before.copy_from_slice(outputs);
             let room = self.shares.chunks_exact_mut(count);
@@ -163,7 +163,7 @@ impl Workspace {
         }
     }
 
-    /// Puts gradients by the outputs, (pixels, levels + 1), in place of those of [`Workspace::score`].
+    /// Replaces the gradients of [`Workspace::score`] by gradients by the outputs, (pixels, levels + 1).
     pub fn set_output_gradients(&mut self, by_outputs: &[f32]) {
         self.outputs.copy_from_slice(by_outputs);
     }
@@ -176,8 +176,8 @@ impl Workspace {
         layers.present.by_input(weights, &self.features, by_present, Write::Replace);
     }
 
-    /// Gradients of the losses by everything inside; call [`Workspace::score`] first. Those by the weights are written to
-    /// `gradient`; without it a third of the products are left out.
+    /// Gradients of the losses by all values inside; call [`Workspace::score`] first. Those by the weights are
+    /// written to `gradient`; without it a third of the products are left out.
     pub fn backward(
         &mut self,
         layers: &Layers,
@@ -204,7 +204,7 @@ impl Workspace {
         }
     }
 
-    /// Takes `by_stream` from the output of a block to its input.
+    /// Propagates `by_stream` from the output of a block to its input.
     fn block_backward(
         &mut self,
         layers: &Layers,
@@ -247,8 +247,8 @@ impl Workspace {
     }
 }
 
-/// The loss of one pixel in double precision, nats, the mean over what might have been measured there (photons); `by` receives
-/// `weight` times its gradient by `outputs`.
+/// The loss of one pixel in double precision, nats, averaged over the possible measurements there (photons). `by`
+/// receives `weight` times its gradient by `outputs`.
 fn exact_mean(levels: &Levels, guess: (f32, f32), values: &[f32], weight: f32, outputs: &[f32], by: &mut [f32]) -> f32 {
     let share = 1.0 / values.len() as f32;
     by.fill(0.0);

@@ -1,4 +1,4 @@
-//! The best linear guess of every pixel from those before it.
+//! Best linear prediction of every pixel from those before it.
 
 use faer::Mat;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -13,21 +13,21 @@ use crate::nn::{matmul_transposed_rhs, product};
 const GROUP: usize = 16;
 
 /// Linear prediction in raster order, with the whole past of the patch as context (the Cholesky factor of the
-/// covariance, Pourahmadi 1999): it carries what is known of a pixel from far away, such as the copies of an object
-/// point that other lenslets make, however distant.
+/// covariance, Pourahmadi 1999). It uses information from any distance, such as the copies of an object point by
+/// other lenslets.
 #[derive(Clone, Debug)]
 pub(super) struct Predictor {
     pixels: usize,
     mean: f32,
     /// Strictly lower triangular, (pixels, pixels): zeros on and right of the diagonal.
     coefficients: Vec<f32>,
-    /// Variance of what remains unpredicted of each pixel, noise included, photons squared.
+    /// Variance of the prediction error of each pixel, noise included, photons squared.
     pub variances: Vec<f32>,
 }
 
 impl Predictor {
-    /// For measurements (noise included) of one mean (photons) and this autocovariance, photons squared, of shape
-    /// (2 rows - 1, 2 cols - 1) with lag 0 in the centre.
+    /// A predictor of measurements (noise included) of one mean (photons) and this autocovariance. The latter is in
+    /// photons squared, of shape (2 rows - 1, 2 cols - 1) with lag 0 in the centre.
     pub fn new(mean: f64, autocovariance: &Array2<f64>, patch: (usize, usize)) -> Result<Self, InformationError> {
         let pixels = patch.0 * patch.1;
         let gaussian = DenseGaussian::new(&dense_covariance(autocovariance, patch), patch.1)?;

@@ -1,4 +1,4 @@
-//! //! Pretrained weights for many encoders and scenes.
+//! Pretrained weights for many encoders and scenes.
 
 use std::ops::ControlFlow;
 use std::sync::LazyLock;
@@ -23,20 +23,20 @@ use crate::nn::{
 };
 use crate::sensor::Noise;
 
-/// /// Weights of the program.
+/// Weights of the program.
 const SHIPPED: &[u8] = include_bytes!("../../../../assets/first_density_model.safetensors");
-/// Whose weights they are.
+/// Header of the file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/first-density-model", version: 1 };
-/// Knots between which the weights of levels are interpolated, from and to these distances from the mean of the roots of
-/// photons, in their standard deviations; as the inverse hyperbolic sine they are evenly spaced.
+/// Number and range of the knots between which the weights of levels are interpolated: distances from the mean of the
+/// roots of photons, in their standard deviations. They are evenly spaced in the inverse hyperbolic sine.
 const KNOTS: usize = 96;
 const REACH: (f32, f32) = (-4.0, 60.0);
-/// Scenes in use at a time; each makes room for another when all its patches were fitted once.
+/// Scenes in use at a time; each is replaced once all its patches have been used.
 const SCENES: usize = 16;
-/// Steps that the reported cross-entropy looks back over.
+/// Steps over which the reported cross-entropy is averaged.
 const REMEMBERED: f64 = 2000.0;
 
-/// Measurements of some scene through some encoder.
+/// Measurements of one scene through one encoder.
 #[derive(Clone, Debug)]
 pub struct TrainingScene {
     /// Noise of the sensor.
@@ -47,25 +47,25 @@ pub struct TrainingScene {
     pub moments: Moments,
 }
 
-/// How far a fit of [`PretrainedWeights`] has come.
+/// Progress of a fit of [`PretrainedWeights`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PretrainProgress {
     /// Steps so far.
     pub steps: usize,
     /// Scenes so far.
     pub scenes: u64,
-    /// /// Running mean of the cross-entropy, bits per pixel.
+    /// Running mean of the cross-entropy, bits per pixel.
     pub bits: f64,
     /// Time so far.
     pub elapsed: Duration,
 }
 
-/// /// Callback after every step: receives the progress and a function that makes the weights as if the fit ended there; `Break`
-/// /// cancels.
+/// Callback after every step: receives the progress and a function that makes the weights as if the fit ended there; `Break`
+/// cancels.
 pub type OnPretrainStep<'a> = &'a mut dyn FnMut(&PretrainProgress, &dyn Fn() -> PretrainedWeights) -> ControlFlow<()>;
 
-/// /// Pretrained weights for models of any design. The weights of the head are interpolated between knots over the standardised
-/// /// roots of photons, since the intensity grid differs between designs.
+/// Pretrained weights for models of any design. The weights of the head are interpolated between knots over the standardised
+/// roots of photons, since the intensity grid differs between designs.
 #[derive(Clone, Debug)]
 pub struct PretrainedWeights {
     shape: CausalShape,
@@ -74,15 +74,15 @@ pub struct PretrainedWeights {
 }
 
 impl PretrainedWeights {
-    /// /// Weights of the program, fitted to beads and drawn images through many encoders; `None` in a program built without
-    /// /// weights of this version.
+    /// Weights of the program, fitted to beads and drawn images through many encoders; `None` in a program built without
+    /// weights of this version.
     pub fn shipped() -> Option<&'static Self> {
         static WEIGHTS: LazyLock<Option<PretrainedWeights>> =
             LazyLock::new(|| PretrainedWeights::from_bytes(SHIPPED).ok());
         WEIGHTS.as_ref()
     }
 
-    /// Weights drawn by chance.
+    /// Random weights.
     pub fn new(seed: u64) -> Self {
         let shape = CausalShape::default();
         let (_, layout) = shape.layers(KNOTS, &[NOWHERE; FAR_PLACES]);
@@ -98,10 +98,10 @@ impl PretrainedWeights {
         Ok(write_weights(&self.layout, &self.weights, &HEADER, Vec::new())?)
     }
 
-    /// Reads what [`PretrainedWeights::to_bytes`] wrote.
+    /// Reads the bytes of [`PretrainedWeights::to_bytes`].
     ///
     /// # Errors
-    /// For bytes that are something else, of another shape or of a newer version.
+    /// For bytes of another format, another shape or a newer version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, InformationError> {
         read_details(bytes, &HEADER)?;
         let drawn = Self::new(0);
@@ -109,8 +109,8 @@ impl PretrainedWeights {
         Ok(Self { weights, ..drawn })
     }
 
-    /// Puts them into a model of the same shape, whose levels stay as frequent as they are; a model of another shape stays as
-    /// it is.
+    /// Copies the weights into a model of the same shape, whose level frequencies stay. A model of another shape
+    /// stays unchanged.
     pub(super) fn put_into(&self, model: &mut CausalModel) {
         if model.shape != self.shape {
             return;
@@ -141,11 +141,11 @@ impl PretrainedWeights {
         out
     }
 
-    /// Fits them for so long, and for a step at least, to many scenes at once; `scene` makes them by their number. They become
-    /// the average over the last steps.
+    /// Fits the weights to many scenes at once, for a given time and at least one step; `scene` makes a scene from
+    /// its number. The weights become the average over the last steps.
     ///
     /// # Errors
-    /// Where a scene is none; when `on_progress` cancels.
+    /// Where a scene is invalid; when `on_progress` cancels.
     pub fn fit(
         &mut self,
         scene: &(dyn Fn(u64) -> Result<TrainingScene, InformationError> + Sync),
@@ -168,7 +168,7 @@ impl PretrainedWeights {
             for (scene, step) in order {
                 progress.elapsed = started.elapsed();
                 let done = progress.elapsed.as_secs_f64() / length.as_secs_f64().max(1e-9);
-                // What has no finite numbers teaches nothing.
+                // Steps without finite numbers are skipped.
                 if let Some((loss, gradient, scale)) = fitted[scene].gradient(self, step) {
                     optimizer.step(&mut self.weights, &gradient, scale, (RATE * learning_rate_factor(done)) as f32);
                     progress.steps += 1;
@@ -188,7 +188,7 @@ impl PretrainedWeights {
     }
 }
 
-/// A scene ready to be fitted.
+/// A scene prepared for the fit.
 struct Fitted {
     model: CausalModel,
     inputs: Inputs,
@@ -208,13 +208,13 @@ impl Fitted {
         Ok(Self { gradients, inputs, patches: patches.noisy.len_of(Axis(0)), model })
     }
 
-    /// Steps that a pass through its patches takes.
+    /// Steps of one pass through its patches.
     fn steps(&self) -> usize {
         self.patches / BATCH
     }
 
-    /// Loss of the patches of a step (nats per pixel), its gradient by the weights, and the factor that shortens that where it
-    /// is too long; none where they are not finite.
+    /// Loss of the patches of a step (nats per pixel), its gradient by the weights, and the factor that shortens long
+    /// gradients; `None` where they are not finite.
     fn gradient(&mut self, weights: &PretrainedWeights, step: usize) -> Option<(f64, Vec<f32>, f32)> {
         weights.put_into(&mut self.model);
         let indices: Vec<usize> = (step * BATCH..(step + 1) * BATCH).collect();
@@ -226,7 +226,7 @@ impl Fitted {
     }
 }
 
-/// Where the levels of a model lie among the knots.
+/// Positions of the levels of a model among the knots.
 fn knots(model: &CausalModel) -> Vec<(usize, f32)> {
     let (first, last) = (REACH.0.asinh(), REACH.1.asinh());
     let knots: Vec<f32> = (0..KNOTS).map(|knot| first + (last - first) * knot as f32 / (KNOTS - 1) as f32).collect();
@@ -263,7 +263,7 @@ mod tests {
         first.put_into(&mut own);
         let by_model: Vec<f32> = (0..own.weights.len()).map(|i| ((i * 37 % 101) as f32 - 50.0) * 0.01).collect();
         let gradient = first.gradient(&own, &by_model);
-        // Putting into a model is linear: along any change both say the same.
+        // Copying into a model is linear: along any change both gradients agree.
         let mut changed = first.clone();
         let change: Vec<f32> = (0..first.weights.len()).map(|i| ((i * 53 % 89) as f32 - 44.0) * 0.01).collect();
         changed.weights.iter_mut().zip(&change).for_each(|(weight, change)| *weight += change);
@@ -273,7 +273,7 @@ mod tests {
         let moved: f64 = moved.map(|((after, before), by)| f64::from(after - before) * f64::from(*by)).sum();
         let told: f64 = gradient.iter().zip(&change).map(|(by, change)| f64::from(*by) * f64::from(*change)).sum();
         assert!((moved - told).abs() < 1e-3 * told.abs().max(1.0), "{moved} {told}");
-        // How frequent levels are is known of each design.
+        // The frequencies of the levels are known for each design.
         let bias = own.layers.head.bias.clone();
         let levels = own.conditioning.levels.count();
         assert_eq!(own.weights[bias.clone()][..levels], model(Init::Random).weights[bias][..levels]);

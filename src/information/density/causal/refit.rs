@@ -1,4 +1,4 @@
-//! //! Online fits to measurements that change during the fit.
+//! Online fits to measurements that change during the fit.
 
 use std::ops::Range;
 
@@ -9,27 +9,28 @@ use super::stream::PatchStream;
 use crate::information::error::InformationError;
 use crate::nn::{Averaging, warmup_factor};
 
-/// Factor of the learning rate. It does not fall; at twice this rate the same masks of a run came out 0.002 bits per pixel higher.
+/// Factor of the learning rate, which does not fall. At twice this rate the same masks of a run gave estimates 0.002
+/// bits per pixel higher.
 const RATE: f64 = 0.25;
-/// Steps that the weights are averaged over. A rate that does not fall makes them swing; over a tenth of a short fit that does not
-/// even out.
+/// Steps of the weight average. The weights fluctuate at a constant rate; a tenth of a short fit would not average
+/// that out.
 const AVERAGED: usize = 50;
 
-/// A fit of a number of steps that is done part by part. Its rate does not fall: measurements change to the end.
+/// A fit of a number of steps, done in parts. Its rate does not fall: measurements change to the end.
 pub struct CausalRefit {
     fit: CausalFit,
     /// Of the whole fit.
     steps: usize,
     model: CausalModel,
     trainer: Trainer,
-    /// Of the patches that were drawn last.
+    /// Inputs of the patches drawn last.
     inputs: Inputs,
-    /// Those of them that no step was taken with.
+    /// Those of them not yet used by a step.
     batches: Vec<Range<usize>>,
 }
 
 impl CausalRefit {
-    /// /// Starts an online fit of `steps` steps from the weights of a model; `seed` is that of patches and noise.
+    /// Starts an online fit of `steps` steps from the weights of a model; `seed` is that of patches and noise.
     pub fn new((steps, seed): (usize, u64), start: CausalModel) -> Self {
         let fit = CausalFit::new(FitLength::Steps(steps), seed);
         let fit = CausalFit { rate: RATE * fit.rate, ..fit };
@@ -37,8 +38,8 @@ impl CausalRefit {
         Self { fit, steps, model: start, trainer, inputs: Inputs::default(), batches: Vec::new() }
     }
 
-    /// /// Advances to `steps` steps in all. New patches are drawn whenever the last ones are used up; `go_on` is asked after every
-    /// /// step and false cancels.
+    /// Advances to `steps` steps in all. New patches are drawn whenever the last ones are used up; `go_on` is asked after every
+    /// step and false cancels.
     ///
     /// # Errors
     /// As [`CausalFit::fit`].
@@ -83,7 +84,7 @@ mod tests {
     use super::*;
     use crate::sensor::Noise;
 
-    /// Spots at places that the seed decides.
+    /// Spots at places set by the seed.
     struct Spots;
 
     impl PatchStream for Spots {

@@ -13,7 +13,7 @@ use crate::information::error::InformationError;
 /// Held-out patches scored between two checks for cancellation.
 const SCORED_AT_ONCE: usize = 32;
 
-/// /// As [`score`], in parts: `watch` receives the number of scored patches after each and can cancel.
+/// As [`score`], in parts: `watch` receives the number of scored patches after each and can cancel.
 ///
 /// # Errors
 /// As [`score`], and [`InformationError::Cancelled`] where it does.
@@ -36,11 +36,12 @@ pub fn score_with_progress(
     Ok((information, entropy_y_given_x))
 }
 
-/// Information and noise entropy of every held-out patch, bits per pixel: `log2 p(y|x) - log2 q(y)` where clean patches
-/// are known, `-log2 q(y) - H(Y|X)` with the noisy ones as means otherwise. `entropy` is that of the model's noise.
+/// Information and noise entropy of every held-out patch, bits per pixel. It is `log2 p(y|x) - log2 q(y)` where clean
+/// patches are known, otherwise `-log2 q(y) - H(Y|X)` with the noisy ones as means. `entropy` is that of the model's
+/// noise.
 ///
 /// # Errors
-/// For patches of another shape or broken ones.
+/// For patches of another shape or with invalid values.
 pub fn score(
     model: &CausalModel,
     entropy: &NoiseEntropy,
@@ -55,8 +56,8 @@ pub fn score(
     Ok((information, entropy_y_given_x))
 }
 
-/// /// Information that each pixel of held-out patches adds to the pixels before it, bits; shape of the patches. The mean over
-/// /// patches is the information.
+/// Information that each pixel of held-out patches adds to the pixels before it, bits; shape of the patches. The mean over
+/// patches is the information.
 ///
 /// # Errors
 /// As [`score`].
@@ -77,7 +78,7 @@ pub fn information_map(
     Ok(map)
 }
 
-/// /// As [`information_map`], in parts: cancels where `stop` returns true.
+/// As [`information_map`], in parts: cancels where `stop` returns true.
 ///
 /// # Errors
 /// As [`score_with_progress`].

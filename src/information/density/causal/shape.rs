@@ -1,4 +1,4 @@
-//! Layers of the network and where their weights lie.
+//! Layers of the network and the places of their weights.
 
 use std::ops::Range;
 
@@ -8,10 +8,10 @@ use super::conditioning::{PRESENT_CHANNELS, WINDOW_CHANNELS};
 use super::masked_conv::MaskedConv;
 use crate::nn::{Initial, Layer, ParameterLayout, Rule, Taps, Tensor};
 
-/// Rows above and columns to either side that the first window sees.
+/// Rows above and columns to either side in the first window.
 const WINDOW: (isize, isize) = (2, 2);
 
-/// Channels that a block sees of far places.
+/// Channels of far places in a block.
 pub(super) const FAR_CHANNELS: usize = 8;
 
 /// Size of the network.
@@ -29,7 +29,7 @@ impl Default for CausalShape {
     }
 }
 
-/// Places far away that a block sees besides its taps: where copies of the same object point lie.
+/// Far places that a block sees besides its taps, at the copies of the same object point.
 #[derive(Clone, Debug)]
 pub(super) struct Far {
     /// C -> [`FAR_CHANNELS`], no bias.
@@ -57,7 +57,7 @@ pub(super) struct Layers {
     pub window_taps: Taps,
     /// Window of the past -> 2C.
     pub window: Layer,
-    /// What is known of the present -> 2C, added to it.
+    /// Inputs at the present pixel -> 2C, added to it.
     pub present: Layer,
     pub blocks: Vec<Block>,
     pub far_taps: Taps,
@@ -68,7 +68,7 @@ pub(super) struct Layers {
 }
 
 impl CausalShape {
-    /// Layers for so many levels and far places (offsets, px), and the names and first values of their weights.
+    /// Layers for a number of levels and far places (offsets, px), and the names and initial values of their weights.
     pub(super) fn layers(&self, levels: usize, far: &[(isize, isize)]) -> (Layers, ParameterLayout) {
         let channels = self.channels;
         let mut layout = ParameterLayout::default();

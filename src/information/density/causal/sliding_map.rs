@@ -1,4 +1,4 @@
-//! //! Information map of a whole measurement by a model of patches.
+//! Information map of a whole measurement by a model of patches.
 
 use ndarray::{Array2, Array3, ArrayView2, Axis, s};
 
@@ -11,16 +11,17 @@ use crate::information::error::InformationError;
 /// Patches that are computed at a time.
 const AT_ONCE: usize = 16;
 
-/// /// Information that each pixel of a measurement adds to the pixels before it, bits, as far as a patch of the model reaches;
-/// /// shape of the measurement.
+/// Information that each pixel of a measurement adds to the pixels before it, bits, within the reach of a patch of
+/// the model; shape of the measurement.
 ///
-/// Patches overlap by half, and every pixel is taken from the one that sees most rows above it and most columns to its
-/// left. All of those come before it in raster order, so that the sum over the measurement is an upper bound like that over
-/// a patch.
+/// Patches overlap by half. Every pixel is taken from the patch that includes most rows above it and most columns to
+/// its left. All of those come before it in raster order, so the sum over the measurement is an upper bound like that
+/// over a patch.
 ///
 /// # Errors
-/// [`InformationError::Stream`] for a measurement that is smaller than a patch, and as
-/// [`information_map`](super::information_map); cancelled where `go_on` says so, which is asked every few patches.
+/// [`InformationError::Stream`] for a measurement smaller than a patch, and as
+/// [`information_map`](super::information_map). Cancelled where `go_on` returns false, which is called every few
+/// patches.
 pub fn sliding_information_map(
     model: &CausalModel,
     noisy: ArrayView2<'_, f32>,
@@ -57,13 +58,13 @@ pub fn sliding_information_map(
     }))
 }
 
-/// Where patches begin along an axis: half a patch apart, the last one at the end.
+/// Starts of patches along an axis: half a patch apart, the last one at the end.
 fn starts(length: usize, side: usize) -> Vec<usize> {
     let last = length - side;
     (0..last).step_by((side / 2).max(1)).chain([last]).collect()
 }
 
-/// The first patch that holds a place.
+/// The first patch that contains a place.
 fn first_over(starts: &[usize], side: usize, place: usize) -> usize {
     starts.partition_point(|start| start + side <= place)
 }
@@ -108,13 +109,13 @@ mod tests {
         };
         let whole = model(&batch);
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
-        // Patches are computed in other company, so that sums are rounded otherwise.
+        // The patches are computed in other groups, so sums are rounded differently.
         let same = |one: ArrayView2<'_, f32>, other: ArrayView2<'_, f64>| {
             one.iter().zip(other).all(|(&one, &other)| (f64::from(one) - other).abs() < 1e-4)
         };
         let map = information_map(&whole, &entropy, &batch).unwrap();
         assert!(same(over(&whole).view(), map.slice(s![0, .., ..])));
-        // In the first patch of a larger measurement nothing else is known either.
+        // The first patch of a larger measurement has no other past either.
         let (part, sample) = (model(&patches(6, 6)), patches(6, 6));
         let map = information_map(&part, &entropy, &sample).unwrap();
         let all = over(&part);

@@ -1,4 +1,4 @@
-//! //! Sources of training patches.
+//! Sources of training patches.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use ndarray::{Array3, Axis};
 
 use crate::information::error::InformationError;
 
-/// /// Noisy patches with their clean images where known; photons per pixel, shape (n, rows, cols).
+/// Noisy patches with their clean images where known; photons per pixel, shape (n, rows, cols).
 #[derive(Clone, Debug)]
 pub struct PatchBatch {
     /// With noise.
@@ -16,13 +16,13 @@ pub struct PatchBatch {
 }
 
 impl PatchBatch {
-    /// The first `count` of them, or all where there are fewer.
+    /// The first `count` patches, or all where there are fewer.
     #[must_use]
     pub fn first(&self, count: usize) -> Self {
         self.part(0..count.min(self.noisy.len_of(Axis(0))))
     }
 
-    /// /// All patches, `count` at a time.
+    /// All patches, `count` at a time.
     pub(super) fn in_parts(&self, count: usize) -> impl Iterator<Item = Self> {
         let all = self.noisy.len_of(Axis(0));
         (0..all).step_by(count).map(move |first| self.part(first..all.min(first + count)))

@@ -1,4 +1,4 @@
-//! //! Warm starts of a model for a mask that has changed: same intensity grid and weights, new statistics.
+//! Warm starts of a model for a mask that has changed: same intensity grid and weights, new statistics.
 
 use std::sync::Arc;
 
@@ -14,16 +14,16 @@ use crate::information::error::InformationError;
 use crate::nn::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 use crate::sensor::Noise;
 
-/// Levels beyond those of a sample that are taken to be in use: others are brighter and darker.
+/// Levels beyond those of a sample that count as used: other samples are brighter and darker.
 const MARGIN: usize = 4;
-/// Largest distance in rows or columns, px, over which a far place that moves is still the same one.
+/// Largest distance in rows or columns, px, over which a moved far place counts as the same.
 const SAME_PLACE: usize = 2;
-/// Whose weights they are.
+/// Header of the file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/causal-model", version: 1 };
 
 impl CausalModel {
-    /// /// A model before its fit whose intensity grid also covers `extremes` (photons), so that it can be
-    /// /// [retargeted](CausalModel::following) to masks with such measurements.
+    /// A model before its fit whose intensity grid also covers `extremes` (photons), so that it can be
+    /// [retargeted](CausalModel::following) to masks with such measurements.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -48,8 +48,8 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// /// This model for the measurements of a slightly different mask. Grid and weights stay; units, linear prediction and far
-    /// /// places are those of the new measurements. Weights of far places that are no longer used are cleared.
+    /// This model for the measurements of a slightly different mask. Grid and weights stay; units, linear prediction and far
+    /// places are those of the new measurements. Weights of far places that are no longer used are cleared.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -82,7 +82,7 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// /// Cold start on the same intensity grid: pretrained weights for the measurements of another mask.
+    /// Cold start on the same intensity grid: pretrained weights for the measurements of another mask.
     ///
     /// # Errors
     /// As [`CausalModel::new`].
@@ -95,7 +95,7 @@ impl CausalModel {
         Ok(model)
     }
 
-    /// Weights of zero for a far place.
+    /// Sets the weights of a far place to zero.
     fn forget_far_place(&mut self, index: usize) {
         let places = self.conditioning.far.len();
         for far in self.layers.blocks.iter().filter_map(|block| block.far.as_ref()) {
@@ -105,8 +105,8 @@ impl CausalModel {
         }
     }
 
-    /// /// Starts a newly used level with the weights of the nearest used one. While it was unused, the fit made it ever less likely
-    /// /// without data.
+    /// Starts a newly used level with the weights of the nearest used one. While it was unused, the fit made it ever less likely
+    /// without data.
     fn start_level(&mut self, level: usize, from: usize, log_frequencies: &[f32]) {
         let head = &self.layers.head;
         let kernel = &mut self.weights[head.kernel.clone()];
@@ -117,7 +117,7 @@ impl CausalModel {
         bias[level] = bias[from] + log_frequencies[level] - log_frequencies[from];
     }
 
-    /// /// State that [`CausalModel::following`] needs besides the grid, as the bytes of a safetensors file.
+    /// State that [`CausalModel::following`] needs besides the grid, as the bytes of a safetensors file.
     ///
     /// # Errors
     /// Where the weights fit no file.
@@ -185,7 +185,7 @@ mod tests {
         let first = CausalModel::covering(shape, Noise::Shot, &dim, &moments(&dim), &extremes, 3).unwrap();
         assert!(first.conditioning.levels.range().1 > 400.0);
         let then = first.following(&bright, &moments(&bright)).unwrap();
-        // Levels that come into use start from the brightest that was; all other weights stay.
+        // Newly used levels start from the brightest used one; all other weights stay.
         let (bias, kernel) = (first.layers.head.bias.clone(), first.layers.head.kernel.clone());
         let brightest = first.conditioning.used.1;
         assert!(then.conditioning.used.1 > brightest + 20);
@@ -202,7 +202,7 @@ mod tests {
         assert!(then.cross_entropy_map(bright.noisy.view()).unwrap().iter().all(|bits| bits.is_finite()));
         let bytes = then.state(vec![("step", "7".into())]).unwrap();
         assert_eq!(read_detail(&bytes, "step").unwrap(), "7");
-        // The mask moves on from a state exactly as from the model.
+        // The restored state gives exactly the same model for the next mask.
         let restored = first.clone().with_state(&bytes).unwrap();
         let (one, other) =
             (then.following(&dim, &moments(&dim)).unwrap(), restored.following(&dim, &moments(&dim)).unwrap());
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn unused_far_places_are_cleared() {
-        // Copies of all that is seen at a distance to the right, half as bright.
+        // Copies of the image at a distance to the right, half as bright.
         let copies = |distance: Option<f64>| {
             let autocovariance = Array2::from_shape_fn((11, 41), |(row, col)| {
                 let (down, right) = (row as f64 - 5.0, col as f64 - 20.0);

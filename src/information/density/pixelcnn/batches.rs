@@ -45,7 +45,7 @@ impl<'a> Batches<'a> {
         Self { patches, dequantise, seed, next: order.len(), order, passes: 0, step: 0 }
     }
 
-    /// /// Advances to the state after a number of draws of `count` patches.
+    /// Advances to the state after a number of draws of `count` patches.
     pub fn skip(&mut self, draws: usize, count: usize) {
         for _ in 0..draws * count {
             self.next_index();

@@ -20,7 +20,7 @@ struct Part {
     by_patch: Vec<f32>,
 }
 
-/// /// Fused kernels on all threads, with workspaces reused between steps.
+/// Fused kernels on all threads, with workspaces reused between steps.
 #[derive(Debug, Default)]
 pub(super) struct CpuEngine {
     workspaces: Workspaces,

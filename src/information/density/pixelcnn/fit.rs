@@ -47,7 +47,7 @@ impl PixelCnnFit {
         self.fit_kept(shape, min_width, patches, (start, None), on_progress)
     }
 
-    /// /// As [`PixelCnnFit::fit`], with a checkpoint that the fit resumes from.
+    /// As [`PixelCnnFit::fit`], with a checkpoint that the fit resumes from.
     ///
     /// # Errors
     /// As there; where the state cannot be read or written, or is that of another fit.
@@ -121,7 +121,7 @@ struct Run<'a> {
     fit: &'a PixelCnnFit,
     time: Stopwatch,
     keeper: Option<&'a dyn FitCheckpoint>,
-    /// /// Time of the last checkpoint.
+    /// Time of the last checkpoint.
     kept: Instant,
     optimizer: Optimizer,
     engine: Box<dyn Engine>,
@@ -156,7 +156,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// /// Restores the checkpoint, if there is one.
+    /// Restores the checkpoint, if there is one.
     fn restore(&mut self, model: &mut PixelCnn) -> Result<(), InformationError> {
         let Some(keeper) = self.keeper else { return Ok(()) };
         let Some(kept) = restore_fit(keeper, &mut model.weights, &mut self.optimizer)? else { return Ok(()) };
@@ -243,7 +243,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// /// Whether the last epoch is over.
+    /// Whether the last epoch is over.
     fn epochs_done(&self, epochs: usize) -> bool {
         if self.fit.budget.is_some() && self.fit.schedule {
             self.done() * self.fit.max_epochs as f64 >= epochs as f64

@@ -180,7 +180,7 @@ pub(in crate::information) fn check(patches: ArrayView3<'_, f32>) -> Result<Grid
     Ok(Grid { samples, rows, cols })
 }
 
-/// /// Workspaces of the threads, reused between stacks of patches.
+/// Workspaces of the threads, reused between stacks of patches.
 #[derive(Debug, Default)]
 pub(super) struct Workspaces(Pool<Workspace>);
 

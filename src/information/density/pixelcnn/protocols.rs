@@ -13,7 +13,7 @@ use crate::sensor::Noise;
 pub struct TrainingPatches<'a> {
     /// Noisy patches, shape (n, rows, cols); the first of them validate.
     pub noisy: ArrayView3<'a, f32>,
-    /// /// Clean patches, and the noise that is drawn for every batch.
+    /// Clean patches, and the noise that is drawn for every batch.
     pub clean: Option<(ArrayView3<'a, f32>, Noise)>,
 }
 
@@ -45,7 +45,7 @@ pub struct PixelCnnFit {
     pub max_norm: Option<f64>,
     /// Largest number of validation patches; it is a tenth of all patches where that is less.
     pub max_validation: usize,
-    /// /// Whether a uniform number from 0 to 1 is added to every pixel of every batch (dequantisation).
+    /// Whether a uniform number from 0 to 1 is added to every pixel of every batch (dequantisation).
     pub dequantise: bool,
     /// Time after which the fit ends, that of validation included.
     pub budget: Option<Duration>,
@@ -62,7 +62,7 @@ pub struct FitReport {
     pub steps: usize,
     /// Seconds taken, and cross-entropy of the validation patches in bits per pixel, after each epoch.
     pub epochs: Vec<(f64, f64)>,
-    /// /// Epoch of the best weights, from 1.
+    /// Epoch of the best weights, from 1.
     pub best_epoch: usize,
     /// Steps that were refused because loss or gradient were not finite.
     pub refused: usize,

@@ -1,4 +1,4 @@
-//! //! Statistics of the training patches that scale the network: mean, spread and range.
+//! Statistics of the training patches that scale the network: mean, spread and range.
 
 use ndarray::ArrayView3;
 
