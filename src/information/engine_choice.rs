@@ -6,7 +6,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// A name that no engine has.
+/// Error for a name that no engine has.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("unknown engine {found:?}; write cpu, burn:ndarray, burn:wgpu or burn:cuda")]
 pub struct UnknownEngine {
@@ -26,7 +26,7 @@ pub enum EngineChoice {
 }
 
 impl EngineChoice {
-    /// Engines that this program was built with. Opening an engine checks that its device exists.
+    /// Engines built into this program. Opening an engine checks that its device exists.
     pub fn built() -> Vec<Self> {
         let burn = [
             Some(BurnDevice::Ndarray),
@@ -37,7 +37,7 @@ impl EngineChoice {
     }
 }
 
-/// A device that burn computes on.
+/// A compute device of burn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BurnDevice {
     /// `burn:ndarray`: the processor, through ndarray.

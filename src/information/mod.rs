@@ -20,8 +20,9 @@ mod stopwatch;
 #[cfg(test)]
 mod test_beads;
 
-/// Version of the numbers: the program's version, and how often the same settings have come to give other numbers. It
-/// stands in all records. Numbers of different versions do not belong in one table, and no fit resumes from another version.
+/// Version of the numbers: the program's version, and a counter of changes that give other numbers for the same
+/// settings. All records hold it. Numbers of different versions do not belong in one table, and no fit resumes from
+/// another version.
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
 pub use ais::bound::{AisBound, AisProgress, AisSettings, OnAis, ais_lower_bound, ais_upper_bound};

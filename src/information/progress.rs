@@ -6,9 +6,9 @@ use std::time::Duration;
 /// Progress of a fit; sent after every step and after every group of scored patches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitProgress {
-    /// Epoch that is running, from 1.
+    /// Current epoch, from 1.
     pub epoch: usize,
-    /// Most epochs there will be.
+    /// Largest number of epochs.
     pub epochs: usize,
     /// Steps taken.
     pub step: usize,

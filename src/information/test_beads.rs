@@ -1,4 +1,4 @@
-//! Beads under the heuristic lenslet layouts, built plainly for the tests of this folder.
+//! Beads under the heuristic lenslet layouts, for the tests of this folder.
 
 use ndarray::{Array2, Array3, Axis};
 use rand::{RngExt, SeedableRng};

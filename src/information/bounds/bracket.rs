@@ -8,8 +8,8 @@ use crate::information::decoder::bound::LowerBound;
 /// A lower or upper bound on the information, bits per pixel, and its source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NamedBound {
-    /// Above: "density", "gaussian", "ceiling" or "posterior sampling"; below: "factorised decoder", "autoregressive decoder"
-    /// or "posterior sampling".
+    /// Source. Upper bounds: "density", "gaussian", "ceiling" or "posterior sampling". Lower bounds: "factorised
+    /// decoder", "autoregressive decoder" or "posterior sampling".
     pub from: String,
     /// The bound, bits per pixel.
     pub bits_per_pixel: f64,
@@ -54,12 +54,12 @@ impl From<&AisBound> for NamedBound {
 
 /// Lower and upper bounds on the information of one encoder for one kind of scene.
 ///
-/// A density model cannot tell a poor encoder from a poor fit; a bracket can. The truth lies between the largest lower bound
-/// (decoder, [`LowerBound`], or AIS, [`AisBound`]) and the smallest upper bound (density model, Gaussian, object entropy or
-/// AIS).
+/// A density model alone cannot separate a poor encoder from a poor fit; a bracket can. The truth lies between the
+/// largest lower bound (decoder, [`LowerBound`], or AIS, [`AisBound`]) and the smallest upper bound (density model,
+/// Gaussian, object entropy or AIS).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bracket {
-    /// Lower bound, bits per pixel; none for objects whose prior is not known.
+    /// Lower bound, bits per pixel; `None` for objects with an unknown prior.
     pub lower: Option<f64>,
     /// Its 95 % interval, bits per pixel.
     pub lower_interval_95: Option<[f64; 2]>,
@@ -73,7 +73,7 @@ pub struct Bracket {
     pub upper_from: String,
     /// All upper bounds, the smallest first.
     pub upper_bounds: Vec<NamedBound>,
-    /// All lower bounds, the largest first; none in files of versions that knew one only.
+    /// All lower bounds, the largest first; empty in files of versions with a single lower bound.
     #[serde(default)]
     pub lower_bounds: Vec<NamedBound>,
 }

@@ -4,15 +4,15 @@ use crate::sensor::{Noise, ln_factorial};
 
 /// Half width of sums over counts, in standard deviations of the read noise.
 const REACH: f64 = 9.0;
-/// Read noise so many times as wide as the shot noise hides all counts that are likely, and the half width of the sum over
-/// those: standard deviations of the shot noise, and counts beside.
+/// Multiple of the shot noise above which read noise hides all likely counts. Next, the half width of the sum over
+/// them: standard deviations of the shot noise, and additional counts.
 const WIDE: f64 = 3.0;
 const REACH_OF_COUNTS: (f64, f64) = (12.0, 30.0);
 
 /// ln p(y | x) for a pixel that measured `y` where the encoded image holds `x` photons, nats.
 ///
-/// The probability of a count for shot noise (minus infinity where `y` is no count), a density per photon otherwise.
-/// Without noise there is no density; the result is then NaN.
+/// For shot noise it is the log probability of a count (minus infinity where `y` is no count), otherwise a log
+/// density per photon. Without noise there is no density; the result is then NaN.
 pub fn log_likelihood(noise: Noise, y: f64, x: f64) -> f64 {
     match noise {
         Noise::None => f64::NAN,
@@ -26,9 +26,10 @@ pub fn log_likelihood(noise: Noise, y: f64, x: f64) -> f64 {
             };
             let first = (middle - reach).ceil().max(0.0);
             let last = (middle + reach).floor();
-            // Where no count lies near the value, the nearest one carries what density there is.
+            // Where no count lies near the value, the nearest one carries all of the density.
             let (first, last) = if last < first { (y.round().max(0.0), y.round().max(0.0)) } else { (first, last) };
-            // What is summed is a bell over the counts, of which sums in steps of half its width differ by a factor of 1 + exp(-8 pi^2).
+            // The summand is a bell over the counts. Sums in steps of half its width differ by a factor of 1 + exp(-8
+            // pi^2).
             let step = (0.5 * (x * sigma * sigma / (x + sigma * sigma)).sqrt()).floor().max(1.0);
             let terms = ((last - first) / step) as usize;
             let term = |i: usize| {
@@ -115,7 +116,7 @@ mod tests {
         let read = log_likelihood(Noise::Read { sigma: 2.0 }, 3.0, 3.0);
         assert!((read + 2.0_f64.ln() + 0.918_938_533).abs() < 1e-8);
         assert!(log_likelihood(Noise::ShotRead { sigma: 1.0 }, -30.0, 2.0).is_finite());
-        // However the sum is cut short, it is that over all counts.
+        // However the sum is truncated, it equals that over all counts.
         for (x, sigma) in [
             (0.0_f64, 3.1_f64),
             (5.0, 6.6),

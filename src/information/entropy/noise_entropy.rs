@@ -1,4 +1,4 @@
-//! Entropy of the noise, H(Y|X): what remains uncertain about a measurement when the encoded image is known.
+//! Entropy of the noise, H(Y|X): the entropy of a measurement when the encoded image is known.
 
 use std::fmt;
 use std::str::FromStr;
@@ -12,11 +12,11 @@ use super::poisson_gaussian::PoissonGaussianEntropy;
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// How an estimate is made: with exact entropies, or as published.
+/// Protocol of an estimate: exact entropies, or the published procedure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Protocol {
-    /// Exact entropies of the noise; whole counts alone are dequantised.
+    /// Exact entropies of the noise; only whole counts are dequantised.
     #[default]
     Default,
     /// The procedure behind the published figures (Pinkard et al. 2024; Kabuli et al. 2026): shot noise as a Gaussian
@@ -135,7 +135,7 @@ impl NoiseEntropy {
         pixels.iter().map(|&x| if x.is_finite() { self.bits(f64::from(x)) } else { f64::NAN }).sum()
     }
 
-    /// Why a sum over these pixels is not finite.
+    /// Error that explains why a sum over these pixels is not finite.
     fn explain(pixels: &[f32]) -> InformationError {
         match pixels.iter().find(|x| !x.is_finite() || **x < 0.0) {
             Some(&found) => InformationError::Photons { found: f64::from(found) },
@@ -144,7 +144,7 @@ impl NoiseEntropy {
     }
 }
 
-/// Refuses the absence of noise and a read noise that is not a positive finite number.
+/// Checks that there is noise and that its read noise is positive and finite.
 pub(in crate::information) fn check_noise(noise: Noise) -> Result<(), InformationError> {
     match noise {
         Noise::None => Err(InformationError::NoNoise),

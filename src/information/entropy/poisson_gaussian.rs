@@ -1,4 +1,4 @@
-//! A Poisson count plus Gaussian read noise: entropy of the sum and what it tells about the mean.
+//! A Poisson count plus Gaussian read noise: entropy of the sum, and its Fisher information about the mean.
 
 use rayon::prelude::*;
 
@@ -6,8 +6,8 @@ use super::noise_entropy::gaussian_entropy;
 use super::poisson::poisson_entropy;
 use crate::information::statistics::uniform_table::UniformTable;
 
-/// Below this read noise (photons) the counts are told apart without error: the overlap of neighbouring peaks takes
-/// less than 1e-7 bit from the entropy.
+/// Read noise (photons) below which counts are separated without error: the overlap of neighbouring peaks takes less
+/// than 1e-7 bit from the entropy.
 const SEPARATE_BELOW: f64 = 0.09;
 /// The table spans these logarithms of the mean: below it the count is zero to 1e-8 bit, above it a series serves.
 const LN_FIRST: f64 = -20.8;
@@ -19,10 +19,10 @@ const REACH: f64 = 9.0;
 
 /// Differential entropy of `Poisson(x) + sigma e`, tabulated for one `sigma`, as a function of `x`.
 ///
-/// Up to 96 photons the integral is tabulated over ln x. Beyond, the entropy is that of a Gaussian of variance
-/// `x + sigma^2`, less the Edgeworth terms of skewness and excess (Comon 1994), less what the comb of whole counts
-/// leaves visible through a small read noise, plus a remainder in powers of `1/x` fitted to three integrals.
-/// The error is below 1e-6 bit (tests compare with a separate integration).
+/// Up to 96 photons the integral is tabulated over ln x. Beyond, the entropy is that of a Gaussian of variance `x +
+/// sigma^2` with corrections. They are the Edgeworth terms of skewness and excess (Comon 1994) and the comb of whole
+/// counts that remains visible through a small read noise. A remainder in powers of `1/x` is fitted to three
+/// integrals. The error is below 1e-6 bit (tests compare with a separate integration).
 #[derive(Clone, Debug)]
 pub(in crate::information) struct PoissonGaussianEntropy {
     sigma: f64,
@@ -79,7 +79,7 @@ fn leading_terms(x: f64, sigma: f64, comb: f64) -> f64 {
     gaussian_entropy(variance) - negentropy / std::f64::consts::LN_2 - comb
 }
 
-/// What is known about a number's fractional part when whole numbers are blurred by `sigma`, bits: zero for a wide
+/// Information about a number's fractional part when whole numbers are blurred by `sigma`, bits: zero for a wide
 /// blur, minus the entropy of the blur for a narrow one.
 fn comb_entropy(sigma: f64) -> f64 {
     let steps = (1.0 / spacing(sigma)).ceil().max(8.0);
@@ -199,7 +199,8 @@ pub(in crate::information) fn fisher_information(x: f64, sigma: f64) -> f64 {
     if sigma < SEPARATE_BELOW {
         return 1.0 / x;
     }
-    // At x = 0 the density is one Gaussian that starts to give to the next: E[(f1/f0 - 1)^2] = exp(1/sigma^2) - 1.
+    // At x = 0 the density is one Gaussian that starts to pass weight to the next: E[(f1/f0 - 1)^2] = exp(1/sigma^2) -
+    // 1.
     let limit = (1.0 / (sigma * sigma)).exp_m1();
     if x <= 0.0 {
         return limit;

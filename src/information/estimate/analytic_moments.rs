@@ -1,4 +1,4 @@
-//! Moments of measurements that follow from objects and mask, without drawing any measurement.
+//! Moments of measurements from objects and mask, without drawing any measurement.
 
 use ndarray::{ArrayView3, s};
 
@@ -11,16 +11,16 @@ use crate::objects::{ObjectSet, Split};
 use crate::sensor::Noise;
 
 impl<'a> ForwardModel<'a> {
-    /// The channel from beads to patches of measurements through a point spread function of shape (planes, rows, cols),
-    /// where the objects are beads that leave something to learn.
+    /// The channel from beads to patches of measurements through a point spread function of shape (planes, rows,
+    /// cols). `None` where the objects are no beads or carry no information.
     pub fn bead_channel(&self, psf: ArrayView3<'_, f64>, patch: (usize, usize)) -> Option<BeadChannel> {
         let prior = self.set.bead_prior().filter(|prior| prior.probability < 1.0)?;
         let spot = bead_response(&prior.spot, psf.slice(s![..self.set.planes(), .., ..]));
         Some(BeadChannel { spot, probability: prior.probability, bias: self.bias, noise: self.noise, patch })
     }
 
-    /// What gives the moments of patches of the objects of a split through any mask of `grid` (rows, cols). A model that is
-    /// judged by other objects must not know those.
+    /// Analytic moments of patches of the objects of a split, for any mask of `grid` (rows, cols). A model scored on
+    /// other objects must not use those of its test.
     ///
     /// # Errors
     /// For patches that are too large.
@@ -46,7 +46,8 @@ pub struct AnalyticMoments<'a> {
 }
 
 impl AnalyticMoments<'_> {
-    /// Those of measurements through a point spread function of shape (planes, rows, cols), which has the objects' planes.
+    /// The moments of measurements through a point spread function of shape (planes, rows, cols), which has the
+    /// objects' planes.
     ///
     /// # Errors
     /// For another shape, or no noise.

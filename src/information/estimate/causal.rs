@@ -21,9 +21,9 @@ use crate::information::progress::{FitProgress, OnProgress};
 use crate::plural::counted;
 use crate::sensor::Noise;
 
-/// Patches that levels and units are taken from.
+/// Patches from which levels and units are taken.
 const SAMPLE: usize = 256;
-/// Patches that second moments are taken from where they are not given.
+/// Patches from which second moments are taken where they are not given.
 const MOMENT_PATCHES: usize = 2048;
 
 /// Request of a causal estimate.
@@ -33,7 +33,8 @@ pub struct CausalRequest<'a> {
     pub stream: &'a dyn PatchStream,
     /// Held-out patches of other scenes.
     pub test: &'a PatchBatch,
-    /// Validation patches of other scenes, for sources that repeat themselves: the weights that score best on them win.
+    /// Validation patches of other scenes, for sources with few images. The fit keeps the weights that score best on
+    /// them.
     pub validation: Option<&'a PatchBatch>,
     /// Checkpoint of the fit.
     pub keeper: Option<&'a dyn FitCheckpoint>,
@@ -69,11 +70,11 @@ pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, Informat
     CausalModel::new(CausalShape::default(), request.noise, &sample, moments, request.init, request.seed)
 }
 
-/// Fits the causal density model to a stream and bounds the information from above by its cross-entropy on held-out
-/// patches, `I <= E[log2 p(y|x) - log2 q(y)]`, bits per pixel.
+/// Fits the causal density model to a stream and returns an upper bound on the information. The bound is its
+/// cross-entropy on held-out patches, `I <= E[log2 p(y|x) - log2 q(y)]`, bits per pixel.
 ///
-/// Both terms are taken at the same measurements, so the luck of the noise drops out of their difference. Without clean
-/// patches (an experiment) the noisy ones stand in for the means in `H(Y|X)`.
+/// Both terms use the same measurements, so their common noise drops out of the difference. Without clean patches (an
+/// experiment) the noisy ones replace the means in `H(Y|X)`.
 ///
 /// # Errors
 /// As [`causal_model`]; when `on_progress` cancels.
@@ -122,7 +123,7 @@ pub fn causal_estimate(
     Ok((trial, model))
 }
 
-/// As [`score`] of the held-out patches, telling after each part.
+/// As [`score`] of the held-out patches, with a report after each part.
 fn score_in_parts(
     model: &CausalModel,
     request: &CausalRequest<'_>,
@@ -151,7 +152,7 @@ mod tests {
 
     use super::*;
 
-    /// A source that must not be used.
+    /// A stream that must not be used.
     struct Untouched;
 
     impl PatchStream for Untouched {

@@ -56,8 +56,9 @@ pub struct Estimate {
     pub entropy_y_given_x: f64,
     /// A bound on the truth, bits per pixel, where the object entropy is known.
     pub ceiling: Option<f64>,
-    /// All known bounds, where there are more than that of a density model: the fields `lower`, `lower_interval_95`,
-    /// `lower_from`, `upper`, `upper_interval_95`, `upper_from`, `upper_bounds` and `lower_bounds`.
+    /// All known bounds, where there are more than one of a density model. The fields are `lower`,
+    /// `lower_interval_95`, `lower_from`, `upper`, `upper_interval_95`, `upper_from`, `upper_bounds` and
+    /// `lower_bounds`.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub bracket: Option<Bracket>,
     /// The density model.
@@ -83,7 +84,7 @@ pub struct Estimate {
     pub trial_spread: f64,
     /// Seed of the request, which reproduces the estimate. Trial t has the seed + t - 1.
     pub seed: u64,
-    /// Number of the smallest of several trials, from 1; `None` for one trial and in old files.
+    /// Number of the trial with the smallest estimate, from 1; `None` for one trial and in old files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub smallest_trial: Option<usize>,
     /// Computing time of all trials, seconds; includes drawing the measurements where the estimate did so.
@@ -110,8 +111,8 @@ impl Estimate {
     /// An estimate above the object-entropy bound gets a note.
     ///
     /// # Errors
-    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches, where
-    /// these do not depend on time.
+    /// Without a trial, or when the trials differ in estimator, engine, protocol, noise, patch or numbers of patches,
+    /// where these do not depend on time.
     pub fn new(trials: &[Trial], provenance: Provenance) -> Result<Self, InformationError> {
         let numbered = trials.iter().enumerate();
         let best = numbered.min_by(|(_, a), (_, b)| a.bits_per_pixel().total_cmp(&b.bits_per_pixel()));
@@ -266,8 +267,8 @@ impl Estimate {
         Ok(estimate)
     }
 
-    /// The estimate with one more lower bound; its number stays the same. Estimates of the paper protocol are not bounds and
-    /// stay unchanged.
+    /// The estimate with one more lower bound; its number stays the same. Estimates of the paper protocol are not
+    /// bounds and stay unchanged.
     #[must_use]
     pub fn with_lower_bound(mut self, below: NamedBound) -> Self {
         if self.protocol == Protocol::Paper {
@@ -326,7 +327,8 @@ impl Estimate {
         }
     }
 
-    /// "at most" for bounds, "about" for the paper protocol, whose test patches share base images with the training patches.
+    /// The relation to the truth: "at most" for bounds, "about" for the paper protocol, whose test patches share base
+    /// images with the training patches.
     pub fn relation(&self) -> &'static str {
         match self.protocol {
             Protocol::Default => "at most",
@@ -380,7 +382,7 @@ fn note_of_crossing(bracket: &Bracket) -> Option<String> {
 
 fn check_alike(a: &Trial, b: &Trial) -> Result<(), InformationError> {
     let (first, second) = (a.settings(), b.settings());
-    // The number of fresh patches of a timed fit depends on the machine.
+    // The number of new patches of a timed fit depends on the machine.
     let is_counted = !matches!(first.estimator, Estimator::Causal | Estimator::Bracket);
     let what = if first.estimator != second.estimator {
         "estimator"

@@ -1,4 +1,4 @@
-//! Bits per pixel and their intervals as they are written, in the window and on the command line.
+//! Text form of bits per pixel and their intervals, in the window and on the command line.
 
 use crate::information::bounds::bracket::Bracket;
 
@@ -12,7 +12,7 @@ pub fn rounded(bits: f64) -> String {
     format!("{bits:.DECIMALS$}")
 }
 
-/// Both bounds, from the smaller to the larger.
+/// Both bounds, the smaller first.
 pub fn between(lower: f64, upper: f64) -> String {
     let (low, high) = Bracket::in_order(lower, upper);
     format!("{} \u{2013} {}", rounded(low), rounded(high))
@@ -20,30 +20,30 @@ pub fn between(lower: f64, upper: f64) -> String {
 
 /// A number of bits with its 95 % interval: "0.412 [0.408, 0.416]".
 ///
-/// An interval of no width is none: the number stands alone. A narrow one takes as many decimals as tell its ends apart.
+/// An interval of zero width is left out. A narrow one gets enough decimals to distinguish its ends.
 pub fn with_interval(bits: f64, interval: [f64; 2]) -> String {
     with_decimals(bits, interval, DECIMALS)
 }
 
-/// The same with at least so many decimals.
+/// As [`with_interval`], with at least `least` decimals.
 pub fn with_decimals(bits: f64, interval: [f64; 2], least: usize) -> String {
     let number = text(bits, decimals(interval, least).unwrap_or(least));
     number + &interval_behind(interval, least)
 }
 
-/// The interval to be put behind a number, with a blank before it and at least so many decimals: " [0.408, 0.416]". One
-/// of no width is no text.
+/// The interval after a number, with a leading blank and at least `least` decimals: " [0.408, 0.416]". It is empty
+/// for an interval of zero width.
 pub fn interval_behind([low, high]: [f64; 2], least: usize) -> String {
     let decimals = decimals([low, high], least);
     decimals.map_or_else(String::new, |decimals| format!(" [{}, {}]", text(low, decimals), text(high, decimals)))
 }
 
-/// Decimals that tell the ends of an interval apart.
+/// Number of decimals that distinguishes the ends of an interval.
 fn decimals([low, high]: [f64; 2], least: usize) -> Option<usize> {
     (least..=MOST_DECIMALS).find(|&decimals| text(low, decimals) != text(high, decimals))
 }
 
-/// A number with so many decimals. What rounds to zero has no sign.
+/// A number with a given number of decimals. A number that rounds to zero has no sign.
 fn text(number: f64, decimals: usize) -> String {
     let text = format!("{number:.decimals$}");
     if text.trim_matches(['-', '0', '.']).is_empty() { text.trim_start_matches('-').to_owned() } else { text }

@@ -34,8 +34,8 @@ pub struct GaussianRequest<'a> {
     pub train: ArrayView3<'a, f32>,
     /// Noisy patches to score, photons per pixel, of scenes that the training patches do not show, shape (m, rows, cols).
     pub test: ArrayView3<'a, f32>,
-    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones stand in for the
-    /// means, negative values as 0; fair above about 10 photons.
+    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones replace the
+    /// means, negative values as 0; accurate above about 10 photons.
     pub test_clean: Option<ArrayView3<'a, f32>>,
     /// The model.
     pub covariance: Covariance,
@@ -47,12 +47,14 @@ pub struct GaussianRequest<'a> {
     pub seed: u64,
 }
 
-/// Fits a Gaussian to noisy patches and bounds the information from above by its cross-entropy on held-out patches.
+/// Fits a Gaussian to noisy patches and returns an upper bound on the information by its cross-entropy on held-out
+/// patches.
 ///
-/// `I <= -E log2 p(y) - H(Y|X)`, bits per pixel. Whole counts have probabilities, the model has a density: a uniform
-/// number between 0 and 1 is added to every pixel, whose entropy of 0 bit leaves `H(Y)` as it is, and so the
-/// cross-entropy of the sum is an upper bound on `H(Y)`. The default protocol does so for shot noise alone, whose
-/// measurements are whole counts; the paper protocol always does, also to the continuous values of read noise.
+/// The bound is `I <= -E log2 p(y) - H(Y|X)`, bits per pixel. Whole counts have probabilities, the model has a
+/// density. So a uniform number between 0 and 1 is added to every pixel. Its entropy of 0 bit leaves `H(Y)`
+/// unchanged, and the cross-entropy of the sum is an upper bound on `H(Y)`. The default protocol does so only for
+/// shot noise, whose measurements are whole counts. The paper protocol always does, also for the continuous values of
+/// read noise.
 ///
 /// # Errors
 /// For patches of different shapes, too few or unsuitable ones (see [`FullGaussian::fit`] and
@@ -67,7 +69,7 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
     if test.is_empty() {
         return Err(InformationError::TooFewPatches { model: "a held-out test", needed: 1, found: 0, pixels });
     }
-    // Told before a uniform number makes them differ.
+    // Checked before a uniform number makes the values differ.
     check_varied(train)?;
     let mut notes = Vec::new();
     let entropy_y_given_x = if let Some(clean) = test_clean {

@@ -26,19 +26,19 @@ use crate::sensor::Noise;
 pub struct PixelCnnRequest<'a> {
     /// Noisy patches to fit, photons per pixel, shape (n, rows, cols).
     pub train: ArrayView3<'a, f32>,
-    /// The training patches without noise, in the same order. With them the default protocol draws the noise anew for
+    /// The training patches without noise, in the same order. With them the default protocol draws new noise for
     /// every batch; the paper protocol does not use them.
     pub train_clean: Option<ArrayView3<'a, f32>>,
     /// Noisy patches to score, photons per pixel, of scenes that the training patches do not show, shape (m, rows, cols).
     pub test: ArrayView3<'a, f32>,
-    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones stand in for the
-    /// means, negative values as 0; fair above about 10 photons.
+    /// The test patches without noise, in the same order. Without them (an experiment) the noisy ones replace the
+    /// means, negative values as 0; accurate above about 10 photons.
     pub test_clean: Option<ArrayView3<'a, f32>>,
     /// Noise of the measurements.
     pub noise: Noise,
-    /// How the fit is done and entropies are taken.
+    /// Protocol of the fit and of the entropies.
     pub protocol: Protocol,
-    /// Time for the fit; scoring the test patches comes on top.
+    /// Time for the fit; scoring the test patches takes additional time.
     pub budget: Option<Duration>,
     /// Warm start: the network of a similar design.
     pub start: Option<&'a PixelCnn>,
@@ -50,14 +50,16 @@ pub struct PixelCnnRequest<'a> {
     pub seed: u64,
 }
 
-/// Fits a `PixelCNN` to noisy patches and bounds the information from above by its cross-entropy on held-out patches.
+/// Fits a `PixelCNN` to noisy patches and returns an upper bound on the information by its cross-entropy on held-out
+/// patches.
 ///
-/// `I <= -E log2 p(y) - H(Y|X)`, bits per pixel (Pinkard et al. 2024): a measured cross-entropy, never an extrapolation,
-/// so a fit that ends early gives a looser bound and not a wrong one. Whole counts get a uniform number from 0 to 1, as
-/// [`super::super::gaussian_estimate`] says. Returns the trial and the network, which can start the next fit.
+/// The bound is `I <= -E log2 p(y) - H(Y|X)`, bits per pixel (Pinkard et al. 2024). The cross-entropy is measured,
+/// never extrapolated, so a short fit gives a looser bound and not a wrong one. Whole counts get a uniform number
+/// from 0 to 1, as in [`super::super::gaussian_estimate`]. Returns the trial and the network, which can start the
+/// next fit.
 ///
 /// # Errors
-/// For patches of different shapes, fewer than a batch and its validation, constant, too bright or broken ones; for
+/// For patches of different shapes, fewer than a batch and its validation, constant, too bright or invalid ones; for
 /// noise without a finite entropy; for an engine that this program or machine lacks; when `on_progress` cancels.
 pub fn pixelcnn_estimate(
     request: &PixelCnnRequest<'_>,
@@ -68,7 +70,7 @@ pub fn pixelcnn_estimate(
         *request;
     check_test(train, test)?;
     let dequantise = request.dequantises();
-    // Refusals come before the fit.
+    // Checks come before the fit.
     let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
     let (fit, fresh, min_width) = match protocol {
         Protocol::Paper => (PixelCnnFit::paper(seed), None, 1.0),
@@ -84,11 +86,11 @@ pub fn pixelcnn_estimate(
     Ok((trial, model))
 }
 
-/// Bounds the information from above by the cross-entropy of a network as it is on held-out patches; the training patches of the
-/// request are not looked at. A network that was fitted to other measurements gives a looser bound, not a wrong one.
+/// Upper bound on the information by the cross-entropy of a given network on held-out patches. The training patches
+/// of the request are not used. A network fitted to other measurements gives a looser bound, not a wrong one.
 ///
 /// # Errors
-/// As [`pixelcnn_estimate`], but for those of a fit.
+/// As [`pixelcnn_estimate`], except for those of a fit.
 pub fn pixelcnn_score(
     request: &PixelCnnRequest<'_>,
     model: &PixelCnn,
@@ -125,7 +127,7 @@ impl PixelCnnRequest<'_> {
         Ok((entropies, notes))
     }
 
-    /// The trial of a network that was fitted to so many patches.
+    /// The trial of a network fitted to a number of patches.
     fn score(
         &self,
         model: &PixelCnn,
@@ -139,15 +141,15 @@ impl PixelCnnRequest<'_> {
         let cross_entropy = scored(model, engine, test.view(), report, started, on_progress)?;
         let estimator = Estimator::PixelCnn;
         let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
-        // A fit that went on from a state took its time before, too.
+        // A resumed fit includes the time of earlier sessions.
         let fitted = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
         let seconds = started.elapsed().as_secs_f64().max(fitted);
         Ok(Trial::from_patches(settings, &cross_entropy, entropy_y_given_x, seconds, notes)?.on_engine(engine))
     }
 }
 
-/// The narrowest width a Gaussian of the mixture needs: no noisy measurement is sharper than its read noise, and no
-/// whole count with a uniform number is worth more than 1 photon.
+/// Smallest width of a Gaussian of the mixture. No noisy measurement is sharper than its read noise, and a whole
+/// count plus a uniform number is never narrower than 1 photon.
 fn narrowest(noise: Noise) -> f32 {
     noise.read_sigma().map_or(1.0, |sigma| (sigma as f32).clamp(1e-3, 1.0))
 }
@@ -197,7 +199,7 @@ fn scored(
     Ok(bits)
 }
 
-/// Notes on the fit for the reader.
+/// Notes about the fit for the reader.
 fn explained(report: &FitReport, fit: &PixelCnnFit, fresh: bool) -> Vec<String> {
     let seconds = report.epochs.last().map_or(0.0, |&(seconds, _)| seconds);
     let noise = if fresh { ", new noise for each" } else { "" };

@@ -1,4 +1,4 @@
-//! Estimates of trials that were put together by hand.
+//! Tests of estimates from hand-made trials.
 
 use crate::information::{
     EngineChoice, Estimate, Estimator, InformationError, NamedBound, Protocol, Provenance, Trial, TrialSettings,
@@ -20,7 +20,7 @@ fn lower_bound_leaves_the_number_unchanged() {
     let higher = NamedBound { bits_per_pixel: 0.4, ..below.clone() };
     let both = bounded.with_lower_bound(higher);
     assert_eq!((both.lower(), both.bracket.unwrap().lower_bounds.len()), (Some(0.4), 2));
-    // Published numbers can lie below the truth, and are no bounds.
+    // Published numbers can lie below the truth and are not bounds.
     let paper = Estimate::new(&[trial(0.75, 1, Protocol::Paper)], provenance()).unwrap();
     assert_eq!(paper.clone().with_lower_bound(below), paper);
 }
@@ -108,14 +108,14 @@ fn crossing_bounds_get_a_note() {
     let told =
         |estimate: &Estimate| estimate.notes.iter().filter(|note| note.contains("within their intervals")).count();
     assert_eq!((told(&below(0.44)), told(&crossed)), (0, 1), "{:?}", crossed.notes);
-    // Nor are those that come later told twice.
+    // Later lower bounds are not reported twice either.
     let bound = |bits: f64, half_width: f64| NamedBound {
         from: "decoder".into(),
         bits_per_pixel: bits,
         interval_95: [bits - half_width, bits + half_width],
     };
     assert_eq!([0.1, 0.46, 0.47].map(|bits| told(&below(0.44).with_lower_bound(bound(bits, 0.03)))), [0, 1, 1]);
-    // Nor does chance explain everything.
+    // Chance does not explain every crossing.
     let wrong = below(0.44).with_lower_bound(bound(0.46, 0.003));
     assert!(wrong.notes.iter().any(|note| note.contains("one of them is wrong")) && told(&wrong) == 0, "{wrong:?}");
     assert_eq!(told(&crossed.with_lower_bound(bound(0.47, 0.03))), 1);

@@ -17,7 +17,7 @@ use crate::sensor::Noise;
 pub struct TrialSettings {
     /// The density model.
     pub estimator: Estimator,
-    /// How entropies were taken.
+    /// Protocol of the entropies.
     pub protocol: Protocol,
     /// Noise of the measurements.
     pub noise: Noise,
@@ -48,8 +48,9 @@ pub struct Trial {
 const FEW_PICTURES: usize = 20;
 
 impl Trial {
-    /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each. The interval is
-    /// that of their differences ([`paired_interval`]), under the paper's protocol of either by itself ([`bootstrap_interval`]).
+    /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each. The
+    /// interval is that of their differences ([`paired_interval`]), or under the paper's protocol that of each term
+    /// by itself ([`bootstrap_interval`]).
     ///
     /// `seconds` is the computing time; `notes` are for the reader.
     ///
@@ -159,8 +160,8 @@ impl Trial {
         self.entropy_y - self.entropy_y_given_x
     }
 
-    /// Its 95 % interval (low, high), bits per pixel; see [`paired_interval`], [`bootstrap_interval`] and [`Trial::with_clustered_interval`] for
-    /// what it covers.
+    /// Its 95 % interval (low, high), bits per pixel. For its coverage see [`paired_interval`],
+    /// [`bootstrap_interval`] and [`Trial::with_clustered_interval`].
     pub fn interval_95(&self) -> [f64; 2] {
         self.interval_95
     }

@@ -38,8 +38,8 @@ impl<T: Copy + Default + Add<Output = T> + Sub<Output = T>> AreaSums<T> {
         bottom_right - top_right - bottom_left + top_left
     }
 
-    /// The part of the spot that falls on the patch when its last pixel lies on patch pixel (row, col) `last`, or
-    /// beyond the patch's far side by as much.
+    /// The part of the spot on the patch when its last pixel lies on patch pixel (row, col) `last`. `last` may also
+    /// lie beyond the patch's far side.
     pub(in crate::information) fn overlap(&self, last: (usize, usize), patch: (usize, usize)) -> Corners {
         let rows = self.table.len() / (self.cols + 1) - 1;
         // Spot pixel r lies on patch row last - (rows - 1) + r.

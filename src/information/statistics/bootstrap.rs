@@ -8,7 +8,7 @@ use crate::information::error::InformationError;
 
 /// Resamplings of each of the two terms.
 const RESAMPLINGS: u64 = 100;
-/// Resamplings of paired differences: the ends of the interval then scatter by a few per cent of its width.
+/// Resamplings of paired differences; the ends of the interval then scatter by a few per cent of its width.
 const PAIRED_RESAMPLINGS: u64 = 1000;
 /// First random stream, far from those that number patches under the same seed.
 const FIRST_STREAM: u64 = 1 << 48;
@@ -16,11 +16,12 @@ const FIRST_STREAM: u64 = 1 << 48;
 /// 95 % interval of the mean of `cross_entropy` minus the mean of `entropy_y_given_x`, both per test patch and in one
 /// unit (bits per pixel).
 ///
-/// As published (Kabuli et al. 2026), and under the paper's protocol alone: 100 bootstraps of either mean, independent
-/// of each other; the 2.5 and 97.5 percentiles of all 100 x 100 differences. It covers the choice of test patches only,
-/// neither the training patches nor the fit, and treats the two terms as independent although they come from the same
-/// patches: where bright patches raise both, as shot noise does, it covers more than it says (0.99 of repeated tests
-/// instead of 0.95 in `tests/known_truths.rs`). With a single patch both ends are the estimate itself.
+/// It follows the publication (Kabuli et al. 2026) and serves the paper's protocol only. It makes 100 bootstraps of
+/// either mean, independent of each other, and takes the 2.5 and 97.5 percentiles of all 100 x 100 differences. It
+/// covers the choice of test patches only, neither the training patches nor the fit. It treats the two terms as
+/// independent although they come from the same patches. Where bright patches raise both, as shot noise does, it
+/// covers more than it states (0.99 of repeated tests instead of 0.95 in `tests/known_truths.rs`). With a single
+/// patch both ends are the estimate itself.
 ///
 /// # Errors
 /// When either list is empty.

@@ -78,7 +78,7 @@ fn transpose(from: &[Complex64], to: &mut [Complex64], rows: usize, cols: usize)
     }
 }
 
-/// The smallest length from `needed` on whose only prime factors are 2, 3 and 5.
+/// The smallest length, at least `needed`, whose only prime factors are 2, 3 and 5.
 pub(in crate::information) fn good_length(needed: usize) -> usize {
     let smooth = |n: &usize| {
         let mut n = *n;

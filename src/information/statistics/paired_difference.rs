@@ -11,7 +11,7 @@ use crate::information::error::InformationError;
 pub struct TestPatches {
     /// Bits per pixel of each patch.
     pub told: Vec<f64>,
-    /// Base images of the patches; none where they have none in common.
+    /// Base images of the patches; empty where they share none.
     pub pictures: SharedImages,
 }
 
@@ -60,7 +60,7 @@ mod tests {
 
     use super::*;
 
-    /// What two models tell of patches that are the same for both, 0.01 more by the first.
+    /// Information of the same patches under two models, 0.01 more under the first.
     fn told(patches: usize, seed: u64) -> (Vec<f64>, TestPatches) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = |deviation: f64| deviation * random.sample::<f64, _>(StandardNormal);
@@ -96,7 +96,7 @@ mod tests {
     #[test]
     fn shared_images_widen_the_interval() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        // Ten pictures, each in twenty patches, of which the first model tells more or less alike.
+        // Ten images, each in twenty patches; the difference of the models varies by image.
         let effects: Vec<f64> = (0..10).map(|_| 0.02 * random.sample::<f64, _>(StandardNormal)).collect();
         let of: Vec<f64> =
             (0..200).map(|patch| effects[patch % 10] + 0.01 * random.sample::<f64, _>(StandardNormal)).collect();

@@ -1,18 +1,18 @@
-//! Power spectrum of a image: how much of its variance each spatial frequency carries, to be held against the noise.
+//! Power spectrum of an image: variance at each spatial frequency, for comparison with the noise.
 //!
-//! P(f) = |FFT2(w (y - mean y))|^2 / sum w^2 with a Hann window w, so that opposite borders of a image, which do not fit
-//! together, leak nothing into other frequencies. White noise of variance v has P(f) = v at every f: shot noise alone
-//! lies at the mean of the image, read noise at sigma^2. Frequencies are averaged over rings.
+//! P(f) = |FFT2(w (y - mean y))|^2 / sum w^2 with a Hann window w. The window keeps the mismatch of opposite borders
+//! from leaking into other frequencies. White noise of variance v has P(f) = v at every f: shot noise alone lies at
+//! the mean of the image, read noise at sigma^2. Frequencies are averaged over rings.
 
 use ndarray::ArrayView2;
 use rustfft::num_complex::Complex64;
 
 use super::fourier::Fourier2;
 
-/// Rings below this number hold what the window has made of the mean.
+/// Index of the first ring used; lower ones hold the mean, spread by the window.
 const FIRST_RING: usize = 2;
 
-/// Power of the spatial frequencies of a image.
+/// Power of the spatial frequencies of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PowerSpectrum {
     /// (frequency in cycles per pixel, power in photons^2), averaged over rings as wide as one frequency step of the
@@ -22,7 +22,7 @@ pub struct PowerSpectrum {
     pub mean: f64,
 }
 
-/// The power spectrum of a image in photons per pixel, shape (rows, cols).
+/// The power spectrum of an image in photons per pixel, shape (rows, cols).
 ///
 /// It has no rings where a side is shorter than four pixels, or a value is not finite.
 pub fn power_spectrum(image: ArrayView2<'_, f32>) -> PowerSpectrum {
@@ -107,13 +107,13 @@ mod tests {
         let expected = (bright * weight).powi(2) / (0.375 * rows as f64 * 0.375 * cols as f64);
         let spectrum = power_spectrum(image.view());
         assert_eq!(spectrum.radial.len(), 11);
-        // The frequencies of the longer side are finer: those of ring 2 and above never meet the window's own.
+        // The longer side has finer frequencies: those of ring 2 and above do not overlap the window's own.
         for &[frequency, power] in &spectrum.radial {
             assert!((power / expected - 1.0).abs() < 1e-9, "{frequency}: {power} {expected}");
         }
     }
 
-    /// A wave stands at its own frequency, whichever way it runs.
+    /// A wave appears at its own frequency, in either direction.
     #[test]
     fn a_wave_stands_at_its_frequency() {
         for (by_row, by_col) in [(0.0, 12.0), (12.0, 0.0), (-6.0, 8.0)] {

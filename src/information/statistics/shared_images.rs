@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 
 use super::student_t::student_95;
 
-/// Least part of the forms' determinant that counts as more than rounding.
+/// Smallest determinant of the forms that is not rounding, relative.
 const SINGULAR: f64 = 1e-9;
 
-/// Which images each patch shows, and how much of its light comes from each; the shares of a patch add up to 1.
+/// Images of each patch, and the share of its light from each; the shares of a patch add up to 1.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SharedImages {
     shares: Vec<Vec<(u32, f64)>>,
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn one_image_per_patch_gives_the_variance_between_images() {
-        // Two patches of each of three images, equal to each other: as good as one of each.
+        // Two equal patches of each of three images carry as much as one of each.
         let values = [1.0, 1.0, 2.0, 2.0, 6.0, 6.0];
         let shared = SharedImages::one_each([0, 0, 1, 1, 2, 2]);
         let independent = values.iter().map(|v| (v - 3.0f64).powi(2)).sum::<f64>() / 5.0 / 6.0;

@@ -18,7 +18,7 @@ impl UniformTable {
         Self { start, inverse_step: 1.0 / step, values }
     }
 
-    /// The value at `x`, which is held inside the table.
+    /// The value at `x`, which is clamped to the table.
     pub(in crate::information) fn at(&self, x: f64) -> f64 {
         let last = (self.values.len() - 1) as f64;
         let position = ((x - self.start) * self.inverse_step).clamp(0.0, last);

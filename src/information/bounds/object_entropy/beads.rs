@@ -1,26 +1,26 @@
-//! The object-entropy bound for independent beads: an upper bound on the information of any encoder.
+//! Object-entropy bound for independent beads: an upper bound on the information of any encoder.
 //!
-//! Every object pixel holds a bead with probability p, independently. By the chain rule the information is at most
-//! the sum over object pixels of what the patch tells about one pixel when all others are known, and that is largest
-//! when the others hold no bead: their light adds nothing but noise.
+//! Every object pixel holds a bead with probability p, independently. By the chain rule the information is at most a
+//! sum over object pixels. The term of a pixel is the information of the patch about it when all others are known.
+//! This term is largest when the others hold no bead: their light adds nothing but noise.
 //!
-//! For one bead, take a Gaussian channel of unit variance whose two inputs lie
-//! `d^2 = sum over the patch of (added photons)^2 / bias` apart. It tells at least as much as the Poisson counts do,
-//! for every p. Proof: let the counts have mean `bias + a q X`, add a Gaussian observation of squared separation
-//! `(1 - a^2) q^2 / bias`, and raise a from 0 to 1. With the posterior probability `w` of a bead, the counts gain
-//! information at the rate `E[q w ln((bias + a q) / (bias + a q w))] <= (a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and
-//! Verdú 2008) and the Gaussian observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú
-//! 2005), so the total falls from the Gaussian channel's information to that of the counts.
+//! For one bead, take a Gaussian channel of unit variance whose two inputs lie `d^2 = sum over the patch of (added
+//! photons)^2 / bias` apart. For every p its information is at least that of the Poisson counts. Proof: let the
+//! counts have mean `bias + a q X`, add a Gaussian observation of squared separation `(1 - a^2) q^2 / bias`, and
+//! raise a from 0 to 1. Let `w` be the posterior probability of a bead. The counts gain information at the rate `E[q
+//! w ln((bias + a q) / (bias + a q w))] <= (a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú 2008). The Gaussian
+//! observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú 2005). The total therefore
+//! falls from the Gaussian channel's information to that of the counts.
 //!
-//! Shot noise needs no bound: [`BeadEntropyBound::evaluate_exact`] takes the information of the counts themselves (see the
-//! module of the Poisson channel), which costs some milliseconds where the Gaussian channel costs a fraction of one.
+//! Shot noise needs no bound: [`BeadEntropyBound::evaluate_exact`] computes the information of the counts themselves
+//! (see the module of the Poisson channel). It takes some milliseconds; the Gaussian channel takes a fraction of one.
 //!
-//! With read noise the separation is measured in the Fisher information of a pixel at the bias level: `1 / sigma^2` for
-//! read noise alone, where the channel is Gaussian itself. For both noises the variance `bias + sigma^2` would be too
-//! large: counts blurred by a small read noise tell more than a Gaussian of that variance (Cramér and Rao), so the
-//! Fisher information of the mixture is taken, which lies between `1 / (bias + sigma^2)` and `1 / bias`. That it bounds
-//! finite separations as well is not proven, but an enumeration over p, bias, read noise and separation (see the tests)
-//! finds no exception.
+//! With read noise the separation is measured in the Fisher information of a pixel at the bias level. For read noise
+//! alone this is `1 / sigma^2`, and the channel is Gaussian itself. For both noises the variance `bias + sigma^2`
+//! would be too large: counts blurred by a small read noise hold more information than a Gaussian of that variance
+//! (Cramér and Rao). The Fisher information of the mixture is used instead, which lies between `1 / (bias + sigma^2)`
+//! and `1 / bias`. It is not proven that it bounds finite separations as well. An enumeration over p, bias, read
+//! noise and separation (see the tests) finds no exception.
 
 use ndarray::{ArrayView2, ArrayView3};
 
@@ -34,26 +34,27 @@ use crate::information::statistics::area_sums::{AreaSums, Corners};
 use crate::information::statistics::uniform_table::UniformTable;
 use crate::sensor::Noise;
 
-/// Separations that are tabulated; farther apart a bead is seen for certain, to 1e-13 bit.
+/// Largest tabulated separation; beyond it a bead is detected with certainty, to 1e-13 bit.
 const LARGEST_SEPARATION: f64 = 16.0;
 const SEPARATION_STEP: f64 = 0.02;
-/// A bead that adds less of its own energy (sum of squared photons) to the patch than this share does not touch it.
+/// Share of its own energy (sum of squared photons) below which the light of a bead does not touch the patch.
 const TOUCHES: f64 = 1e-12;
-/// Unless even that is more than this in units of the noise: very bright beads tell by light that is faint beside their own.
+/// Energy in units of the noise above which a bead touches the patch nevertheless: the faint light of very bright
+/// beads also carries information.
 const NEGLIGIBLE: f64 = 1e-6;
 
-/// Entropy of a yes-or-no question with probability `p`, in bits.
+/// Entropy of a binary variable with probability `p`, bits.
 pub fn binary_entropy(p: f64) -> f64 {
     let term = |q: f64| if q > 0.0 { -q * q.log2() } else { 0.0 };
     term(p) + term(1.0 - p)
 }
 
-/// Upper bound on the information that any estimate of a patch of independent beads can truly have.
+/// Upper bound on the true information of a patch of independent beads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EntropyBound {
     /// The bound, bits per pixel of the patch.
     pub bits_per_pixel: f64,
-    /// The cruder bound that needs no noise: entropy of all object pixels that touch the patch, bits per pixel.
+    /// The looser bound without noise: entropy of all object pixels that touch the patch, bits per pixel.
     pub footprint_entropy: f64,
     /// Object pixels that touch the patch, over all planes.
     pub footprint_pixels: usize,
@@ -61,7 +62,7 @@ pub struct EntropyBound {
     pub entropy_per_object_pixel: f64,
 }
 
-/// Object-entropy bounds for beads of one density; holds a table, so make one per object set.
+/// Object-entropy bounds for beads of one density. Holds a table, so make one per object set.
 ///
 /// The bound holds for any independent sparse objects that occupy each object pixel with one probability and add one known
 /// pattern of light.
@@ -129,12 +130,12 @@ impl BeadEntropyBound {
         Ok(self.sum(spot, (patch, precision), gaussian))
     }
 
-    /// The bound of one encoder, by the exact information of photon counts about each bead: tighter for shot noise,
-    /// above all where few photons decide. Other noises have the bound of [`BeadEntropyBound::evaluate`], whose arguments
-    /// these are; a bias of 0 is no special case here, for a bead may still send no photon.
+    /// The bound of one encoder by the exact information of photon counts about each bead. It is tighter for shot
+    /// noise, above all where few photons decide. Other noises have the bound of [`BeadEntropyBound::evaluate`]; the
+    /// arguments are the same. A bias of 0 is no special case here, because a bead may still emit no photon.
     ///
     /// Each bead counts with the smaller of the two channels, so this never exceeds the other bound. The quadrature
-    /// adds less than 1e-7 bit to each bead and takes nothing away.
+    /// adds less than 1e-7 bit to each bead and removes nothing.
     ///
     /// # Errors
     /// As [`BeadEntropyBound::evaluate`].
@@ -157,7 +158,7 @@ impl BeadEntropyBound {
         Ok(self.sum(spot, (patch, precision), exact))
     }
 
-    /// Information in bits about each bead through its Gaussian channel.
+    /// Information about each bead through its Gaussian channel, bits.
     fn gaussian_bits(&self, places: &[(Corners, f64)], precision: f64) -> impl Iterator<Item = f64> {
         places.iter().map(move |&(_, energy)| {
             let separation = (energy * precision).sqrt();
@@ -165,7 +166,7 @@ impl BeadEntropyBound {
         })
     }
 
-    /// Adds up `bits` of all places of the bead, given for one plane's spot, the part of it that falls on the patch and
+    /// Sum of `bits` over all places of the bead. `bits` receives one plane's spot, the part of it on the patch and
     /// the energy (sum of squared photons) in that part.
     fn sum(
         &self,
@@ -199,7 +200,7 @@ impl BeadEntropyBound {
     }
 }
 
-/// Refuses what has no bound; gives the precision of a pixel at the bias level, 1 / photons^2.
+/// Checks the arguments and returns the precision of a pixel at the bias level, 1 / photons^2.
 fn check(
     spot: ArrayView3<'_, f64>,
     bias: f64,

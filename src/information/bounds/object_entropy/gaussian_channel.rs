@@ -1,4 +1,4 @@
-//! Information of one yes-or-no question through Gaussian noise.
+//! Information of a binary input through Gaussian noise.
 
 /// Information in bits of a Bernoulli(p) input about which of two unit Gaussians, `d` apart, was drawn.
 ///

@@ -1,14 +1,14 @@
-//! Information of one yes-or-no question through photon counts.
+//! Information of a binary input through photon counts.
 //!
-//! A bead adds `q_j` photons to the mean `b` of pixel j. Its log-likelihood ratio `L = sum_j [y_j ln(1 + q_j / b) - q_j]`
-//! makes the posterior log-odds `w = ln(p / (1 - p)) + L`, and the information is `H2(p)` less the expected posterior
-//! entropy. With the measure of the dark counts (`E0`) tilted half-way to the lit ones, that entropy is
+//! A bead adds `q_j` photons to the mean `b` of pixel j. Its log-likelihood ratio is `L = sum_j [y_j ln(1 + q_j / b) -
+//! q_j]`. The posterior log-odds are `w = ln(p / (1 - p)) + L`. The information is `H2(p)` less the expected
+//! posterior entropy. With the measure of the dark counts (`E0`) tilted half-way to the lit ones, that entropy is
 //!
 //! `sqrt(p (1 - p)) E0[exp(L / 2) G(w)]` nats, `G(w) = exp(-w / 2) ln(1 + e^w) + exp(w / 2) ln(1 + e^-w)`.
 //!
-//! `G` is even and falls like `|w| exp(-|w| / 2)`; its Fourier transform is `pi / ((t^2 + 1/4) cosh(pi t))`, from the
-//! Mellin transform `pi / (s sin(pi s))` of `ln(1 + x)`. What remains is the moment generating function of `L` on the
-//! line `s = 1/2 + i t`, which for counts is a sum over the pixels of the patch,
+//! `G` is even and falls like `|w| exp(-|w| / 2)`. Its Fourier transform is `pi / ((t^2 + 1/4) cosh(pi t))`, from the
+//! Mellin transform `pi / (s sin(pi s))` of `ln(1 + x)`. The remaining factor is the moment generating function of
+//! `L` on the line `s = 1/2 + i t`. For counts it is a sum over the pixels of the patch,
 //!
 //! `E0 exp(s L) = exp(sum_j [b (1 + q_j / b)^s - b - s q_j])`,
 //!
@@ -16,9 +16,9 @@
 //!
 //! `sqrt(p (1 - p)) int_0^inf Re[(p / (1 - p))^(i t) E0 exp((1/2 + i t) L)] / ((t^2 + 1/4) cosh(pi t)) dt`.
 //!
-//! The midpoint rule of step `2 pi / P` replaces `G(w)` by `sum_k (-1)^k G(w + k P)`: by Poisson's summation formula it
-//! misses `P exp(-P / 2)` nats at most, and to the side that makes the information too large. With the tail of the
-//! integral added as well, the result stays an upper bound.
+//! The midpoint rule of step `2 pi / P` replaces `G(w)` by `sum_k (-1)^k G(w + k P)`. By Poisson's summation formula
+//! it misses at most `P exp(-P / 2)` nats, and in the direction that makes the information too large. The tail of the
+//! integral is added too, so the result stays an upper bound.
 
 use std::f64::consts::{LN_2, PI, TAU};
 
@@ -36,7 +36,7 @@ const STEP: f64 = TAU / PERIOD;
 const NODES: usize = 32;
 /// A posterior entropy below this share of the prior entropy counts as none.
 const CERTAIN: f64 = 1e-7;
-/// Places that are worth a task of their own.
+/// Places of one parallel task.
 const PLACES_PER_TASK: usize = 256;
 
 /// Weight of the integral at t.
@@ -49,14 +49,14 @@ fn node(index: usize) -> f64 {
     (index as f64 + 0.5) * STEP
 }
 
-/// What the weights beyond the last node sum to, bounded from above by `cosh x > exp(x) / 2`.
+/// Upper bound on the sum of the weights beyond the last node, by `cosh x > exp(x) / 2`.
 fn tail() -> f64 {
     let last = NODES as f64 * STEP;
     2.0 * (-PI * last).exp() / (PI * (last * last + 0.25))
 }
 
-/// Information in bits that the counts of a patch hold about a bead, for each of its `places`, when there is no other
-/// bead; never too small but for rounding.
+/// Information of the counts of a patch about a bead, bits, for each of its `places`, when there is no other bead. It
+/// is never too small, except for rounding.
 ///
 /// - `spot`: photons that the bead adds, shape (rows, cols);
 /// - `bias`: mean of every pixel without the bead, photons; 0 is allowed;
@@ -70,7 +70,7 @@ pub(in crate::information) fn poisson_information(
 ) -> Vec<f64> {
     let log_odds = (p / (1.0 - p)).ln();
     let scale = (p * (1.0 - p)).sqrt();
-    // ln E0 exp(L / 2), as the sum of squares that it is: nothing cancels.
+    // ln E0 exp(L / 2), written as a sum of squares, so that nothing cancels.
     let halves = AreaSums::new(spot.dim(), |r, c| {
         let q = spot[[r, c]];
         let difference = q / ((bias + q).sqrt() + bias.sqrt());
@@ -81,7 +81,7 @@ pub(in crate::information) fn poisson_information(
     let mut sums: Vec<(Corners, Option<f64>)> =
         places.iter().map(|&place| (place, (largest(place) > CERTAIN * entropy * LN_2).then_some(0.0))).collect();
 
-    // (1 + q / b)^(i t), turned on from node to node; where there is no background, b (1 + q / b)^s is 0.
+    // (1 + q / b)^(i t), rotated from node to node; without background, b (1 + q / b)^s is 0.
     let turned = |angle: f64| -> Array2<Complex<f64>> {
         spot.mapv(|q| {
             let ratio = q / bias;

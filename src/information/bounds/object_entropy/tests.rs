@@ -1,4 +1,4 @@
-//! The ceiling against sums over counts, grids and whole toy systems.
+//! The object-entropy bound against sums over counts, grids and small whole systems.
 
 use ndarray::Array3;
 
@@ -120,8 +120,8 @@ fn blurred_counts_tell_no_more_than_the_fisher_channel() {
     assert!(beaten > 0, "the variance bias + sigma^2 would have done");
 }
 
-/// Exact information in bits of independent objects of probability `p` about the counts that they make, by enumeration
-/// of all objects and of counts below `most`; `light` holds the photons that each object adds to each pixel.
+/// Exact information of counts about independent objects of probability `p`, bits, by enumeration of all objects and
+/// of counts below `most`. `light` holds the photons that each object adds to each pixel.
 fn enumerated_information(p: f64, bias: f64, light: &[Vec<f64>], most: usize) -> f64 {
     let pixels = light[0].len();
     let objects: Vec<(f64, Vec<Vec<f64>>)> = (0..1_usize << light.len())
