@@ -6,11 +6,11 @@ use crate::information::error::InformationError;
 
 /// Density model of noisy patches with frozen weights. It links the information to the mask that makes the patches.
 pub trait FrozenDensity {
-    /// Information of noisy patches under the model, bits per pixel, and its gradient by the encoded patches, bits per
-    /// pixel and photon; all of shape (n, rows, cols).
+    /// Information of noisy patches under the model, bits per pixel, and its gradient by the encoded patches, bits
+    /// per pixel and photon; all of shape (n, rows, cols).
     ///
-    /// The noise is reparameterised, `y = x + s(x) e`, where s is the standard deviation of the noise at x and `normals`
-    /// holds e (Kabuli et al. 2026); so the measurements move with the images.
+    /// The noise is reparameterised, `y = x + s(x) e`, where s is the standard deviation of the noise at x and
+    /// `normals` holds e (Kabuli et al. 2026). The measurements therefore change smoothly with the images.
     ///
     /// # Errors
     /// For invalid patches and values that are not finite.

@@ -1,4 +1,4 @@
-//! Density models of noisy patches. Their cross-entropy bounds H(Y) from above.
+//! Density models of noisy patches. Their cross-entropy is an upper bound on H(Y).
 
 pub(in crate::information) mod causal;
 pub(in crate::information) mod frozen;

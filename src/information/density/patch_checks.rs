@@ -1,13 +1,13 @@
-//! Checks of patches before a model sees them.
+//! Checks of patches before a model uses them.
 
 use ndarray::ArrayView3;
 
 use crate::information::error::InformationError;
 
-/// Largest count the network can be trusted with: above, single photons are lost in `f32` differences.
+/// Largest count that the network resolves: above, single photons are lost in `f32` differences.
 pub(in crate::information) const MAX_PHOTONS: f32 = 1e7;
 
-/// Refuses patches that are not finite or too bright, and empty ones.
+/// Checks that patches are finite, not too bright, and not empty.
 pub(in crate::information) fn check_values(
     patches: ArrayView3<'_, f32>,
     what: &'static str,
@@ -27,7 +27,7 @@ pub(in crate::information) fn check_values(
     Ok(())
 }
 
-/// Refuses clean test patches that do not belong to the noisy ones by shape and number.
+/// Checks that clean test patches match the noisy ones in shape and number.
 pub(in crate::information) fn check_clean(
     clean: ArrayView3<'_, f32>,
     test: ArrayView3<'_, f32>,

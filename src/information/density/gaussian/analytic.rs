@@ -1,4 +1,4 @@
-//! The Gaussian bound without samples: from the autocovariance of the objects and the point spread function alone.
+//! The Gaussian bound without samples, from the autocovariance of the objects and the point spread function alone.
 
 use ndarray::{Array2, ArrayView3};
 use rustfft::num_complex::Complex64;
@@ -21,11 +21,11 @@ pub struct GaussianBound {
     pub entropy_y_given_x: f64,
     /// Their difference, bits per pixel.
     pub bits_per_pixel: f64,
-    /// What `entropy_y` tends to for large patches, `1/2 log2(2 pi e) + 1/2 mean log2 S`, bits per pixel.
+    /// Limit of `entropy_y` for large patches, `1/2 log2(2 pi e) + 1/2 mean log2 S`, bits per pixel.
     pub spectral_entropy: f64,
 }
 
-/// Everything about an object set and a patch that the Gaussian bound needs, ready for one evaluation after another.
+/// Data of an object set and a patch for repeated evaluations of the Gaussian bound.
 #[derive(Clone)]
 pub struct AnalyticGaussian {
     psf_rows: usize,
@@ -111,7 +111,7 @@ impl AnalyticGaussian {
         let variance = noise_variance(noise, mean_measurement)? + variance_of_rounding(noise, mean_measurement);
         let mut workspace = self.fourier.workspace();
         let spectrum = self.signal_spectrum(psf, &mut workspace)?;
-        // Lags that were cut off can leave a spectrum slightly negative; it is then no less than the noise.
+        // Truncated lags can make a spectrum slightly negative; it is then set to that of the noise.
         let mean_log2 =
             spectrum.iter().map(|power| (power.max(0.0) + variance).log2()).sum::<f64>() / spectrum.len() as f64;
         let mut autocovariance = self.lags(&spectrum, &mut workspace);
@@ -212,9 +212,9 @@ fn noise_variance(noise: Noise, mean_measurement: f64) -> Result<f64, Informatio
     }
 }
 
-/// Variance that counts have besides, as numbers with a density: a count stands for all numbers up to the next, and of
-/// a tenth of a photon the Gaussian of the counts alone would have less entropy than they. From one photon on their skewness
-/// leaves more room than that.
+/// Additional variance of counts, taken as numbers with a density. A count stands for all numbers up to the next. At
+/// a tenth of a photon the Gaussian of the counts alone would have less entropy than the counts. From one photon on,
+/// their skewness leaves more entropy than that.
 fn variance_of_rounding(noise: Noise, mean_measurement: f64) -> f64 {
     if noise == Noise::Shot { (1.0 - mean_measurement).max(0.0) / 12.0 } else { 0.0 }
 }
@@ -239,8 +239,8 @@ mod tests {
 
     #[test]
     fn heuristic_layouts_have_the_known_bounds() {
-        // Entropies from a separate program with a dense 1024 x 1024 covariance, and its bounds in two digits, whose
-        // entropy of the noise was sampled from 67 images.
+        // Entropies from a separate program with a dense 1024 x 1024 covariance, and its bounds to two digits. It
+        // sampled the entropy of the noise from 67 images.
         let entropies =
             [6.541_412, 6.331_623, 6.246_759, 6.183_491, 6.132_315, 6.099_807, 6.067_565, 6.045_001, 6.020_008];
         let bounds = [1.72, 1.25, 1.05, 0.93, 0.85, 0.78, 0.74, 0.70, 0.67];

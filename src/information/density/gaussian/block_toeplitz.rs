@@ -2,9 +2,9 @@
 //!
 //! The covariance of `rows` x `cols` pixels of a stationary field is block-Toeplitz (blocks depend on the difference
 //! of rows) with Toeplitz blocks (on the difference of columns). The recursion of Whittle (1963) and of Wiggins and
-//! Robinson (1965) predicts each row from those above it; the determinant is the product of the determinants of the
-//! prediction-error covariances. A field looks the same turned by 180 degrees, so the backward predictor is the
-//! forward one turned, and half of the recursion falls away. The cost is about 2 rows^2 cols^3 floating-point
+//! Robinson (1965) predicts each row from those above it. The determinant is the product of the determinants of the
+//! prediction-error covariances. The covariance is unchanged by a rotation of 180 degrees, so the backward predictor
+//! is the rotated forward one. This saves half of the recursion. The cost is about 2 rows^2 cols^3 floating-point
 //! operations instead of rows^3 cols^3 / 3.
 
 use faer::linalg::matmul::matmul;
@@ -13,12 +13,12 @@ use ndarray::Array2;
 
 use crate::information::error::InformationError;
 
-/// Log-determinant in bits, `log2 det C`, of the covariance of a patch of `patch` = (rows, cols) pixels of a
-/// stationary field with the given autocovariance.
+/// Log-determinant, `log2 det C`, bits, of the covariance of a patch of `patch` = (rows, cols) pixels of a stationary
+/// field with the given autocovariance.
 ///
 /// `autocovariance` has shape (2L+1, 2L+1), entry `[L + dr, L + dc]` at a lag of `dr` rows and `dc` columns, in
-/// photons squared; lags up to one less than the patch are used, and the half with `dr >= 0` alone is read, except
-/// for `dr = 0`, where `dc >= 0` is read.
+/// photons squared. Lags up to one less than the patch are used. Only the half with `dr >= 0` is read, and for `dr =
+/// 0` only `dc >= 0`.
 ///
 /// # Errors
 /// When the patch is empty, the lags do not suffice, or the covariance is not positive definite.
@@ -45,7 +45,7 @@ pub fn log2_determinants_by_row(
     let smallest_pivot = variance * f64::EPSILON * cols as f64;
 
     let block = cols * cols;
-    // The blocks of row lag rows-1, ..., 1 above each other; the last m of them are what the m-th predictor meets.
+    // The blocks of row lag rows-1, ..., 1 above each other; the m-th predictor uses the last m of them.
     let height = rows.saturating_sub(1) * cols;
     let mut stacked = vec![0.0; height * cols];
     for b in 0..cols {
@@ -65,7 +65,7 @@ pub fn log2_determinants_by_row(
     let mut totals = vec![total];
     for order in 0..rows - 1 {
         let width = order * cols;
-        // What the predictor of `order` rows leaves unexplained of the covariance at lag order + 1, columns turned.
+        // The covariance at lag order + 1 that the predictor of `order` rows does not explain, columns reversed.
         {
             let known = MatRef::from_column_major_slice(&predictor[..cols * width], cols, width);
             let below = MatRef::from_column_major_slice_with_stride(&stacked, height, cols, height);
@@ -211,7 +211,8 @@ mod tests {
     use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
 
-    /// The autocovariance of white noise filtered by a random kernel, plus white noise: positive definite by birth.
+    /// The autocovariance of white noise filtered by a random kernel, plus white noise: positive definite by
+    /// construction.
     fn random_autocovariance(seed: u64, kernel: usize, lag: usize, floor: f64) -> Array2<f64> {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let taps = Array2::from_shape_fn((kernel, kernel), |_| rng.random::<f64>() - 0.4);

@@ -7,13 +7,13 @@ use rayon::prelude::*;
 
 use crate::information::error::InformationError;
 
-/// Largest patch that a dense covariance is built for, pixels: 512 MiB of it. A 65 x 65 sensor has 4,225.
+/// Largest patch of a dense covariance, pixels; the covariance then takes 512 MiB. A 65 x 65 sensor has 4,225 pixels.
 pub const MAX_PATCH_PIXELS: usize = 8192;
 
-/// Patches that are scored together: enough for fast matrix products, little enough for the cache.
+/// Patches scored together: enough for fast matrix products, few enough for the cache.
 const BATCH: usize = 512;
 
-/// The covariance of a patch of (rows, cols) pixels, row by row, from lags that were checked to suffice.
+/// The covariance of a patch of (rows, cols) pixels, row by row; the lags must suffice.
 pub(in crate::information) fn dense_covariance(autocovariance: &Array2<f64>, patch: (usize, usize)) -> Mat<f64> {
     let (rows, cols) = patch;
     let (centre_row, centre_col) = (autocovariance.nrows() / 2, autocovariance.ncols() / 2);
@@ -100,13 +100,13 @@ impl DenseGaussian {
     }
 }
 
-/// log2-determinant by a dense Cholesky factorisation: the plain version that others are tested against.
+/// log2-determinant by a dense Cholesky factorisation, the reference for tests.
 #[cfg(test)]
 pub(in crate::information) fn log2_determinant_dense(covariance: &Mat<f64>) -> Result<f64, InformationError> {
     Ok(DenseGaussian::new(covariance, 1)?.log2_determinant())
 }
 
-/// Refuses patches that no Gaussian can be fitted to or scored on; returns (patches, rows, cols).
+/// Checks patches for a Gaussian fit or score; returns (patches, rows, cols).
 pub(in crate::information) fn check_patches(
     patches: ArrayView3<f32>,
     what: &'static str,
@@ -122,7 +122,7 @@ pub(in crate::information) fn check_patches(
     Ok((count, rows, cols))
 }
 
-/// Refuses training patches that all hold one value.
+/// Checks that training patches do not all hold one value.
 pub(in crate::information) fn check_varied(patches: ArrayView3<f32>) -> Result<(), InformationError> {
     let first = patches.first().copied().unwrap_or(0.0);
     if !patches.is_empty() && patches.iter().all(|&value| value.to_bits() == first.to_bits()) {

@@ -89,7 +89,7 @@ impl FullGaussian {
     }
 }
 
-/// Refuses patches to score that are not of the model's shape or hold values that are not finite.
+/// Checks that patches to score have the model's shape and finite values.
 pub(in crate::information) fn check_scored(
     patches: ArrayView3<'_, f32>,
     patch: (usize, usize),
@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn on_its_training_data_the_mean_log_density_is_minus_the_entropy() {
-        // The mean squared Mahalanobis distance of the data a maximum-likelihood fit saw is the number of pixels.
+        // The mean squared Mahalanobis distance of the training data of a maximum-likelihood fit is the number of
+        // pixels.
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let patches = Array3::from_shape_simple_fn((3000, 4, 5), || 7.0 + rng.sample::<f32, _>(StandardNormal));
         let model = FullGaussian::fit(patches.view()).unwrap();

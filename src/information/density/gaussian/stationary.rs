@@ -12,7 +12,7 @@ use crate::information::statistics::fourier::{Fourier2, good_length};
 
 /// Patches per part of the parallel sum: fixed, so that the result does not depend on the number of threads.
 const PART: usize = 256;
-/// Halvings tried in the search for the smallest taper.
+/// Halvings in the search for the smallest taper.
 const TAPER_STEPS: u32 = 10;
 
 /// A stationary Gaussian, fitted to patches or made from a known autocovariance.
@@ -29,9 +29,9 @@ pub struct StationaryGaussian {
 impl StationaryGaussian {
     /// Fits one mean and an autocovariance, averaged over patches and positions, to patches of shape (n, rows, cols).
     ///
-    /// The average at each lag divides by the number of pixel pairs at that lag, which is unbiased but, for few
-    /// patches, may belong to no random field. Then the smallest possible share of the average that divides by the
-    /// number of pixels instead (the same times a triangle, always positive definite) is mixed in; see
+    /// The average at each lag divides by the number of pixel pairs at that lag. It is unbiased but, for few patches,
+    /// may belong to no random field. Then the fit mixes in the smallest possible share of the average that divides
+    /// by the number of pixels instead. That average is the same times a triangle, always positive definite; see
     /// [`StationaryGaussian::taper`].
     ///
     /// # Errors
@@ -75,8 +75,8 @@ impl StationaryGaussian {
         self.autocovariance.view()
     }
 
-    /// Share of the triangular taper that was needed to make the fitted covariance positive definite, 0 to 1;
-    /// 0 with enough patches.
+    /// Share of the triangular taper that makes the fitted covariance positive definite, 0 to 1; 0 with enough
+    /// patches.
     pub fn taper(&self) -> f64 {
         self.taper
     }
@@ -104,8 +104,8 @@ fn parts<T: Send>(patches: ArrayView3<'_, f32>, work: impl Fn(ArrayView3<'_, f32
 
 /// Autocovariance about `mean`, averaged over patches and over the pixel pairs of each lag.
 ///
-/// Two patches share one complex transform, as real and imaginary part: in the power spectrum their product is odd
-/// and so drops out of the real part of the inverse.
+/// Two patches share one complex transform, as real and imaginary part. In the power spectrum their product is odd,
+/// so it drops out of the real part of the inverse.
 fn autocovariance(patches: ArrayView3<'_, f32>, mean: f64) -> Array2<f64> {
     let (count, rows, cols) = patches.dim();
     let fourier = Fourier2::new(good_length(2 * rows - 1), good_length(2 * cols - 1));

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use super::protocols::TrainingPatches;
 use crate::information::statistics::dequantisation::dequantised;
 
-/// Purposes that draw random numbers under one seed; each step or pass has a stream of its own.
+/// Uses of random numbers under one seed; each step or pass has its own stream.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Purpose {
     Weights = 1,
@@ -18,20 +18,20 @@ pub(super) enum Purpose {
     Validation = 5,
 }
 
-/// A seed of its own for every purpose and number.
+/// A separate seed for every purpose and number.
 pub(super) fn seed_for(seed: u64, purpose: Purpose, number: usize) -> u64 {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(((purpose as u64) << 48) + number as u64);
     random.next_u64()
 }
 
-/// Draws one batch after the other; all patches come once before any comes again.
+/// Draws batches; every patch is used once before any is used again.
 #[derive(Debug)]
 pub(super) struct Batches<'a> {
     patches: TrainingPatches<'a>,
     dequantise: bool,
     seed: u64,
-    /// Indices of the patches that may be drawn, in the order of this pass.
+    /// Indices of the patches to draw, in the order of this pass.
     order: Vec<usize>,
     next: usize,
     passes: usize,
@@ -39,7 +39,7 @@ pub(super) struct Batches<'a> {
 }
 
 impl<'a> Batches<'a> {
-    /// From the patches from index `first` on.
+    /// Batches of the patches with index `first` and above.
     pub fn new(patches: TrainingPatches<'a>, first: usize, dequantise: bool, seed: u64) -> Self {
         let order: Vec<usize> = (first..patches.noisy.len_of(Axis(0))).collect();
         Self { patches, dequantise, seed, next: order.len(), order, passes: 0, step: 0 }
@@ -53,7 +53,7 @@ impl<'a> Batches<'a> {
         self.step += draws;
     }
 
-    /// The next `count` patches with the noise they get this time.
+    /// The next `count` patches with their noise of this draw.
     pub fn draw(&mut self, count: usize) -> Array3<f32> {
         let indices: Vec<usize> = (0..count).map(|_| self.next_index()).collect();
         let (seed, step) = (self.seed, self.step);
@@ -79,7 +79,7 @@ impl<'a> Batches<'a> {
     }
 }
 
-/// Patches as the model sees them: with uniform numbers added where counts are whole.
+/// Patches as model inputs: with uniform numbers added where counts are whole.
 pub(super) fn prepared(patches: ArrayView3<'_, f32>, dequantise: bool, seed: u64) -> Array3<f32> {
     if dequantise { dequantised(patches, seed, 0) } else { patches.to_owned() }
 }

@@ -1,4 +1,4 @@
-//! The engine on this machine's processor, in parts that do not depend on the number of threads.
+//! The engine on this machine's processor, with results that do not depend on the number of threads.
 
 use ndarray::{Array3, ArrayView3};
 use rayon::prelude::*;
@@ -9,7 +9,7 @@ use crate::information::engine_choice::EngineChoice;
 use crate::information::error::InformationError;
 use crate::nn::{Grid, Write, ordered_sum, part_range};
 
-/// Parts of a batch, each summed by one thread and then all in order.
+/// Parts of a batch. One thread sums each part; the parts are then summed in order.
 const PARTS: usize = 16;
 
 /// One part of a batch.

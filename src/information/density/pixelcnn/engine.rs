@@ -6,10 +6,10 @@ use super::model::PixelCnn;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::error::InformationError;
 
-/// Computes losses and gradients of a [`PixelCnn`]; weights and gradients are in the order of [`PixelCnn::layout`],
-/// whatever computes them, so the rules by which weights move are the same for all.
+/// Computes losses and gradients of a [`PixelCnn`]. Weights and gradients are in the order of [`PixelCnn::layout`]
+/// for every engine, so all engines share the same optimizers.
 pub trait Engine {
-    /// Which one it is.
+    /// The name of this engine.
     fn choice(&self) -> EngineChoice;
 
     /// Mean negative log density of `patches` (photons per pixel, shape (n, rows, cols)), nats per pixel.

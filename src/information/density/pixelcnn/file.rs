@@ -1,4 +1,4 @@
-//! Weights in and out, as a safetensors file.
+//! Reading and writing of network weights as a safetensors file.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -11,16 +11,16 @@ use crate::formats::{read_bytes, write_safely};
 use crate::information::error::InformationError;
 use crate::nn::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 
-/// Whose weights they are.
+/// Header of the file.
 const HEADER: WeightsHeader<'_> = WeightsHeader { format: "lenslet-studio/pixelcnn", version: 1 };
-/// Largest file that is read; that of the published network has 2.5 MB.
+/// Largest file to read; that of the published network has 2.5 MB.
 const MAX_BYTES: u64 = 1 << 28;
 
 impl PixelCnn {
-    /// The bytes of a safetensors file: weights by name, shape and scale in its header.
+    /// The weights as bytes of a safetensors file: weights by name, shape and scale in its header.
     ///
     /// # Errors
-    /// None for weights that were not shortened; see [`write_weights`].
+    /// None for weights of full length; see [`write_weights`].
     pub fn to_bytes(&self) -> Result<Vec<u8>, InformationError> {
         self.to_bytes_with(Vec::new())
     }
@@ -45,10 +45,10 @@ impl PixelCnn {
         Ok(write_weights(&self.layout, &self.weights, &HEADER, details)?)
     }
 
-    /// Reads what [`PixelCnn::to_bytes`] wrote.
+    /// Reads the bytes of [`PixelCnn::to_bytes`].
     ///
     /// # Errors
-    /// For bytes that are something else, of another shape or of a newer version.
+    /// For bytes of another format, another shape or a newer version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, InformationError> {
         let details = read_details(bytes, &HEADER)?;
         let dilations = text(&details, "dilations")?.split_whitespace().map(str::parse).collect::<Result<_, _>>();
@@ -96,7 +96,7 @@ impl PixelCnn {
         Err(InformationError::WeightsFile { path: path.display().to_string(), reason })
     }
 
-    /// Reads a network from a safetensors file that this program wrote.
+    /// Reads a network from a safetensors file of this program.
     ///
     /// # Errors
     /// Where the file cannot be read or holds something else.

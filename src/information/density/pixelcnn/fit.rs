@@ -18,23 +18,24 @@ use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Optimizer, Rule, learning_rate_factor};
 
-/// Share of the time of a budgeted fit that validation may take before the last one.
+/// Largest share of the time of a budgeted fit for validation before the last one.
 const VALIDATION_SHARE: f64 = 0.1;
-/// Steps without finite numbers after which a fit is given up.
+/// Number of steps without finite numbers after which a fit fails.
 const MAX_REFUSED: usize = 30;
-/// Held-out patches that are scored before one may cancel.
+/// Held-out patches scored between two checks for cancellation.
 pub(in crate::information) const SCORED_AT_ONCE: usize = 16;
-/// A gradient of this norm is as good as an infinite one.
+/// Norm above which a gradient counts as infinite.
 const LARGEST_NORM: f64 = 1e15;
 
 impl PixelCnnFit {
-    /// Fits a network of the given shape, from its first weights or from those of `start`.
+    /// Fits a network of the given shape, from random weights or from those of `start`.
     ///
-    /// Widths of the mixture stay above `min_width` photons. With a budget the number of steps depends on the machine;
-    /// without one, equal seeds give equal bits on one machine with the engine `cpu`, whatever the number of threads.
+    /// Widths of the mixture stay above `min_width` photons. With a budget the number of steps depends on the
+    /// machine. Without one, equal seeds give equal bits on one machine with the engine `cpu`, for any number of
+    /// threads.
     ///
     /// # Errors
-    /// For too few, constant, too bright or broken patches, for numbers that stay infinite, for an engine that this
+    /// For too few, constant, too bright or invalid patches, for numbers that stay infinite, for an engine that this
     /// program or machine lacks, and when cancelled.
     pub fn fit(
         &self,
@@ -47,10 +48,10 @@ impl PixelCnnFit {
         self.fit_kept(shape, min_width, patches, (start, None), on_progress)
     }
 
-    /// As [`PixelCnnFit::fit`], with a checkpoint that the fit resumes from.
+    /// As [`PixelCnnFit::fit`], with a checkpoint from which the fit resumes.
     ///
     /// # Errors
-    /// As there; where the state cannot be read or written, or is that of another fit.
+    /// As there; where the checkpoint cannot be read or written, or belongs to another fit.
     pub(in crate::information) fn fit_kept(
         &self,
         shape: PixelCnnShape,
@@ -99,7 +100,7 @@ impl PixelCnnFit {
         })
     }
 
-    /// Number of patches that validate.
+    /// Checks settings and patches; returns the number of validation patches.
     fn check(&self, patches: TrainingPatches<'_>) -> Result<usize, InformationError> {
         let (count, rows, cols) = patches.noisy.dim();
         let validation = (count / 10).min(self.max_validation).max(1);
@@ -127,7 +128,7 @@ struct Run<'a> {
     engine: Box<dyn Engine>,
     /// Gradient of the loss of the last batch by all weights.
     gradient: Vec<f32>,
-    /// Halved whenever a step is refused.
+    /// Step scale, halved whenever a step is skipped.
     caution: f64,
     best: Option<(Vec<f32>, f64)>,
     report: FitReport,
@@ -176,11 +177,11 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Keeps where it is, if it is time for that.
+    /// Writes the checkpoint if it is due.
     fn keep(&mut self, model: &PixelCnn) -> Result<(), InformationError> {
         let Some(keeper) = self.keeper.filter(|keeper| self.kept.elapsed() >= keeper.every()) else { return Ok(()) };
         let report = &self.report;
-        // What is no number is null there.
+        // NaN becomes null in JSON.
         let epochs = serde_json::to_string(&report.epochs);
         let mut details = vec![
             ("caution", self.caution.to_string()),
@@ -199,7 +200,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// All epochs; whether the budget cut them short.
+    /// Runs all epochs; returns whether the budget cut them short.
     fn epochs(
         &mut self,
         model: &mut PixelCnn,
@@ -232,7 +233,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Share of the schedule that is over.
+    /// Share of the schedule that is done.
     fn done(&self) -> f64 {
         match self.fit.budget {
             Some(budget) if self.fit.schedule => {
@@ -243,7 +244,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Whether the last epoch is over.
+    /// Whether the last epoch is done.
     fn epochs_done(&self, epochs: usize) -> bool {
         if self.fit.budget.is_some() && self.fit.schedule {
             self.done() * self.fit.max_epochs as f64 >= epochs as f64
@@ -256,7 +257,7 @@ impl<'a> Run<'a> {
         self.fit.budget.is_some_and(|budget| self.time.elapsed() + self.validation >= budget)
     }
 
-    /// Whether a validation more takes no large part of a short budget.
+    /// Whether one more validation fits into its share of a short budget.
     fn can_spare_validation(&self) -> bool {
         let spent = self.validation * (self.report.epochs.len() as u32 + 1);
         self.fit.budget.is_none()
@@ -286,7 +287,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Scores the validation patches and keeps the weights if they are the best so far.
+    /// Scores the validation patches and saves the weights if they are the best so far.
     fn validate(
         &mut self,
         model: &mut PixelCnn,
@@ -371,7 +372,7 @@ mod tests {
             let (weights, report, asked) = run(None, usize::MAX).unwrap();
             assert_eq!(report.steps, 48);
             let kept = InMemory::default();
-            // In the midst of the third epoch, and in that of a validation.
+            // During the third epoch, and during a validation.
             for stop_at in [31, 8] {
                 assert_eq!(run(Some(&kept), stop_at).unwrap_err(), InformationError::Cancelled);
             }

@@ -1,4 +1,4 @@
-//! How information changes with the encoded images, the weights of the network held.
+//! Gradient of the information by the encoded images, with the weights of the network held fixed.
 
 use ndarray::{Array3, ArrayView3};
 
@@ -8,23 +8,23 @@ use crate::information::entropy::reparameterisation::{DARKEST, Reparameterised};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
-/// Mean of the uniform number that whole counts get before they are fitted.
+/// Mean of the uniform number added to whole counts before a fit.
 const DEQUANTISED: f64 = 0.5;
 
-/// A network that was fitted to measurements with this noise.
+/// A network fitted to measurements with this noise.
 #[derive(Clone, Copy)]
 pub struct FrozenPixelCnn<'a> {
     /// Fitted to dequantised measurements.
     pub network: &'a PixelCnn,
     /// Their noise.
     pub noise: Noise,
-    /// Whether a gradient is still wanted, asked while it is computed; one of thousands of patches takes long.
+    /// Whether to continue, asked during the computation; a gradient of thousands of patches takes long.
     pub go_on: &'a dyn Fn() -> bool,
 }
 
 impl FrozenDensity for FrozenPixelCnn<'_> {
-    /// Both terms as published: `-E log2 q(y)` at measurements with reparameterised noise, and `1/2 log2(2 pi e s(x)^2)` for
-    /// the noise (Kabuli et al. 2026).
+    /// Both terms as published: `-E log2 q(y)` at measurements with reparameterised noise, and `1/2 log2(2 pi e
+    /// s(x)^2)` for the noise (Kabuli et al. 2026).
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
@@ -40,7 +40,7 @@ impl FrozenDensity for FrozenPixelCnn<'_> {
             let (seen, e) = (f64::from(x).max(DARKEST), f64::from(e));
             let (entropy, by_x) = noise.entropy(seen);
             total += f64::from(nats) - entropy;
-            // Darker pixels all count as that dark.
+            // Darker pixels all count as this dark.
             *out = if f64::from(x) < seen { 0.0 } else { f64::from(by_y) * noise.slope(seen, e) - by_x };
         }
         let share = 1.0 / (noisy.len().max(1) as f64 * std::f64::consts::LN_2);

@@ -1,16 +1,17 @@
-//! A mixture to start from that lies where the data are.
+//! Initial mixture at the values of the data.
 
 use ndarray::ArrayView3;
 
 use super::model::PixelCnn;
 
-/// Most values that are sorted.
+/// Largest number of values to sort.
 const MOST_VALUES: usize = 100_000;
 
-/// Sets the biases of means and widths so that the first mixture resembles the histogram of the data: means at its
-/// quantiles, widths that reach the neighbours.
+/// Sets the biases of means and widths so that the initial mixture resembles the histogram of the data. Means lie at
+/// its quantiles; widths reach the neighbours.
 ///
-/// The published start, means anywhere in the range and widths of about 1 photon, takes thousands of steps to get there.
+/// The published start has means anywhere in the range and widths of about 1 photon. It takes thousands of steps to
+/// reach this mixture.
 pub(super) fn spread_over(model: &mut PixelCnn, patches: ArrayView3<'_, f32>) {
     let components = model.shape.components;
     let stride = patches.len().div_ceil(MOST_VALUES).max(1);

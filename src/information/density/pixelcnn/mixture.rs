@@ -5,21 +5,21 @@ use crate::nn::{exponential, if_not_negligible, logarithm, vectorised};
 
 /// ln(2 pi) / 2.
 pub(super) const HALF_LN_TWO_PI: f32 = 0.918_938_5;
-/// Numbers that are summed side by side.
+/// Numbers summed side by side.
 const LANES: usize = 8;
 
-/// Numbers of scratch space needed for each component.
+/// Scratch numbers per component.
 pub(super) const SCRATCH: usize = 4;
 
 /// Negative log densities, nats, and their gradients.
 ///
-/// `heads` (pixels, 3 components) holds outputs of the network for means, widths and logits; it is overwritten with
-/// `weight` times the gradient of the loss by them. `losses` and `by_value` (pixels) receive the negative log density of
-/// each of `values` (photons) and `weight` times its direct derivative by the value. `scratch` has [`SCRATCH`] numbers
-/// per component.
+/// `heads` (pixels, 3 components) holds outputs of the network for means, widths and logits. It is overwritten with
+/// `weight` times the gradient of the loss by them. `losses` and `by_value` (pixels) receive the negative log density
+/// of each of `values` (photons) and `weight` times its direct derivative by the value. `scratch` has [`SCRATCH`]
+/// numbers per component.
 ///
-/// Mean: clipped to the range of the data; width: softplus, clipped from below by the narrowest and then from above by
-/// the deviation of the data. A clipped output has no gradient.
+/// The mean is clipped to the range of the data. The width is a softplus, limited to at least the narrowest width and
+/// then to at most the deviation of the data. A clipped output has no gradient.
 pub(super) fn mixture_losses(
     scale: &DataScale,
     values: &[f32],

@@ -11,14 +11,14 @@ use crate::information::density::patch_checks::check_values;
 use crate::information::error::InformationError;
 use crate::nn::{Grid, ParameterLayout, Pool};
 
-/// Largest patch, px: a thread needs about 22 kB for each.
+/// Largest patch, px: a thread needs about 22 kB for each pixel.
 const MAX_PATCH_PIXELS: usize = 1 << 14;
-/// Pixels that a thread takes through the network at a time, if a patch is not larger: they fit its cache.
+/// Pixels in the network of a thread at a time, unless a patch is larger; they fit its cache.
 pub(super) const CHUNK_PIXELS: usize = 1024;
 
 /// The published autoregressive network (Pinkard et al. 2024) for one kind of data.
 ///
-/// Its 617,592 open weights (847,480 with those behind masks) see 13 rows up and 13 px to the left.
+/// Its 617,592 open weights (847,480 with those behind masks) cover 13 rows above and 13 px to the left.
 #[derive(Clone, Debug)]
 pub struct PixelCnn {
     pub(super) shape: PixelCnnShape,
@@ -28,7 +28,7 @@ pub struct PixelCnn {
     pub(super) weights: Vec<f32>,
 }
 
-/// The mixture of Gaussians that the network puts at every pixel.
+/// The mixture of Gaussians at every pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mixtures {
     /// Means in photons, shape (n, rows, cols, components).
@@ -40,7 +40,7 @@ pub struct Mixtures {
 }
 
 impl PixelCnn {
-    /// A network before training, for data of this scale.
+    /// A network with random weights, for data of this scale.
     pub fn new(shape: PixelCnnShape, scale: DataScale, seed: u64) -> Self {
         let (layers, layout) = shape.layers(&scale);
         let weights = layout.draw(seed);
@@ -62,7 +62,7 @@ impl PixelCnn {
         &self.weights
     }
 
-    /// All weights, to be changed.
+    /// All weights, mutable.
     pub fn weights_mut(&mut self) -> &mut [f32] {
         &mut self.weights
     }
@@ -106,14 +106,14 @@ impl PixelCnn {
     }
 
     /// Negative log density of every pixel, nats, and the gradient of their sum by that pixel, per photon; patches in
-    /// photons, pixel after pixel. It ends early where `go_on` says so.
+    /// photons, pixel after pixel. It ends early where `go_on` returns false.
     pub(super) fn losses_and_gradients(
         &self,
         patches: ArrayView3<'_, f32>,
         go_on: &dyn Fn() -> bool,
     ) -> Result<Vec<(f32, f32)>, InformationError> {
         let (ready, (samples, rows, cols)) = (self.ready(), patches.dim());
-        // One chunk for every thread between two questions.
+        // One chunk for every thread between two checks for cancellation.
         let at_once = samples_per_chunk(rows * cols) * rayon::current_num_threads();
         let mut all = Vec::with_capacity(patches.len());
         for first in (0..samples).step_by(at_once) {
@@ -130,12 +130,12 @@ impl PixelCnn {
         Ok(all)
     }
 
-    /// For passes through it.
+    /// The network with weights prepared for passes.
     pub(super) fn ready(&self) -> Ready<'_> {
         Ready::new(&self.layers, &self.scale, &self.weights)
     }
 
-    /// Takes patches through the network, some at a time, and joins what `read` takes from each, in order.
+    /// Passes patches through the network, some at a time, and concatenates the results of `read`, in order.
     fn over_chunks<T: Send>(
         &self,
         ready: &Ready<'_>,
@@ -165,12 +165,12 @@ impl PixelCnn {
     }
 }
 
-/// Patches that a thread takes through the network at a time.
+/// Patches in the network of a thread at a time.
 pub(super) fn samples_per_chunk(patch_pixels: usize) -> usize {
     (CHUNK_PIXELS / patch_pixels.max(1)).max(1)
 }
 
-/// Refuses patches the network cannot take.
+/// Checks that the network can take the patches.
 pub(in crate::information) fn check(patches: ArrayView3<'_, f32>) -> Result<Grid, InformationError> {
     let (samples, rows, cols) = patches.dim();
     if !(1..=MAX_PATCH_PIXELS).contains(&(rows * cols)) {

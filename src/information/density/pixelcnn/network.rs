@@ -1,4 +1,5 @@
-//! The network itself: from patches to outputs, and from gradients by outputs to gradients by weights and patches.
+//! Forward and backward pass of the network: from patches to outputs, and from gradients by outputs to those by
+//! weights and patches.
 
 use rayon::prelude::*;
 
@@ -7,13 +8,13 @@ use super::scale::DataScale;
 use super::shape::{Block, Layers, PixelCnnShape};
 use crate::nn::{Grid, TileMemory, Write, add_bias, column_sums, elu, elu_backward, fill_bias, gate, gate_backward};
 
-/// A network whose weights are ready to be passed through.
+/// A network with weights prepared for passes.
 #[derive(Debug)]
 pub(super) struct Ready<'a> {
     layers: &'a Layers,
     scale: &'a DataScale,
     weights: &'a [f32],
-    /// Kernel of every block's vertical layer, as [`Block::tiled`] wants it.
+    /// Kernel of every block's vertical layer, transformed for [`Block::tiled`].
     tiled: Vec<Vec<f32>>,
 }
 
@@ -24,10 +25,10 @@ impl<'a> Ready<'a> {
     }
 }
 
-/// Gradient by the weights, and whether it is written or added; none where nothing is to be learnt.
+/// Gradient by the weights, and whether it is written or added; `None` without training.
 pub(super) type ByWeights<'a> = Option<(&'a mut [f32], Write)>;
 
-/// What the backward pass needs of one gated block; (pixels, channels C or 2C).
+/// Values of one gated block that the backward pass needs; (pixels, channels C or 2C).
 #[derive(Clone, Debug, Default)]
 struct Kept {
     vertical: Vec<f32>,
@@ -66,7 +67,7 @@ pub(super) struct Workspace {
 }
 
 impl Workspace {
-    /// For stacks of exactly this grid.
+    /// A workspace for stacks of exactly this grid.
     pub fn new(shape: &PixelCnnShape, grid: Grid) -> Self {
         let pixels = grid.pixels();
         let per_pixel = |count: usize| vec![0.0; pixels * count];
@@ -102,12 +103,12 @@ impl Workspace {
         }
     }
 
-    /// The stack it is for.
+    /// The grid of its stack.
     pub fn grid(&self) -> Grid {
         self.grid
     }
 
-    /// Outputs of the network for `values` (pixels, photons), in [`Workspace::heads`].
+    /// Writes the outputs of the network for `values` (pixels, photons) to [`Workspace::heads`].
     pub fn forward(&mut self, ready: &Ready<'_>, values: &[f32]) {
         let Ready { layers, scale, weights, tiled } = ready;
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
@@ -148,15 +149,15 @@ impl Workspace {
         layers.heads.forward(weights, &self.out, &mut self.heads);
     }
 
-    /// Negative log densities in [`Workspace::losses`], and `weight` times their gradients by the outputs in place of
+    /// Writes negative log densities to [`Workspace::losses`], and `weight` times their gradients by the outputs over
     /// the outputs; call [`Workspace::forward`] first.
     pub fn score(&mut self, scale: &DataScale, values: &[f32], weight: f32) {
         let Self { heads, losses, by_value, scratch, .. } = self;
         mixture_losses(scale, values, weight, heads, losses, by_value, scratch);
     }
 
-    /// Gradient by the weights, written or added where `into` says so, and by the values, in [`Workspace::by_value`]; call
-    /// [`Workspace::score`] first.
+    /// Gradient by the weights, written or added as `into` states, and by the values, in [`Workspace::by_value`];
+    /// call [`Workspace::score`] first.
     pub fn backward(&mut self, ready: &Ready<'_>, mut into: ByWeights<'_>) {
         let Ready { layers, scale, weights, .. } = ready;
         let (grid, pixels) = (self.grid, self.grid.pixels());
@@ -196,8 +197,8 @@ impl Workspace {
         }
     }
 
-    /// Takes `by_horizontal` and `by_vertical` from the outputs of a block, of which the last one has no vertical one, to
-    /// its inputs.
+    /// Propagates `by_horizontal` and `by_vertical` from the outputs of a block to its inputs. The last block has no
+    /// vertical output.
     fn block_backward(&mut self, ready: &Ready<'_>, (index, last): (usize, bool), mut into: ByWeights<'_>) {
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
         let (block, weights, kept) = (&ready.layers.blocks[index], ready.weights, &self.kept[index]);
@@ -223,7 +224,7 @@ impl Workspace {
         block.horizontal.by_input(weights, &self.features, columns, Write::Replace);
         block.horizontal_taps.scatter_add(grid, channels, columns, &mut self.by_horizontal);
 
-        // What the vertical stack of the last block puts out is not used.
+        // The vertical output of the last block is not used.
         let link = if last {
             Write::Replace
         } else {

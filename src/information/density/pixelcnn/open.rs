@@ -1,4 +1,4 @@
-//! Opens the compute backend that a name stands for.
+//! Opens the compute backend of a name.
 
 use super::burn_engine::BurnEngine;
 use super::cpu_engine::CpuEngine;

@@ -1,4 +1,4 @@
-//! How a `PixelCNN` is fitted: the published procedure, and one that gets further in the same time.
+//! Settings of the fit of a `PixelCNN`: the published procedure, and one that is more accurate in the same time.
 
 use std::time::Duration;
 
@@ -8,17 +8,17 @@ use crate::information::engine_choice::EngineChoice;
 use crate::nn::Averaging;
 use crate::sensor::Noise;
 
-/// Patches to fit, photons per pixel.
+/// Training patches, photons per pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct TrainingPatches<'a> {
-    /// Noisy patches, shape (n, rows, cols); the first of them validate.
+    /// Noisy patches, shape (n, rows, cols); the first of them are for validation.
     pub noisy: ArrayView3<'a, f32>,
     /// Clean patches, and the noise that is drawn for every batch.
     pub clean: Option<(ArrayView3<'a, f32>, Noise)>,
 }
 
-/// How a network is fitted.
-// Each switch is a choice of its own: what the two protocols do differently.
+/// Settings of the fit of a network.
+// Each switch is one difference between the two protocols.
 #[allow(clippy::struct_excessive_bools)]
 #[derive(Clone, Debug, PartialEq)]
 pub struct PixelCnnFit {
@@ -26,36 +26,36 @@ pub struct PixelCnnFit {
     pub batch: usize,
     /// Steps of one epoch; validation follows each.
     pub steps_per_epoch: usize,
-    /// Most epochs.
+    /// Largest number of epochs.
     pub max_epochs: usize,
     /// Epochs without improvement after which the fit ends.
     pub patience: Option<usize>,
     /// Largest learning rate.
     pub rate: f64,
-    /// Whether the rate rises at first and falls along a line to the end; with a budget, to the end of the budget.
+    /// Whether the rate rises at first and then falls linearly to the end; with a budget, to the end of the budget.
     pub schedule: bool,
-    /// Whether hidden matrices move by Muon instead of Adam.
+    /// Whether Muon updates the hidden matrices, instead of Adam.
     pub muon: bool,
-    /// Which steps the weights are averaged over.
+    /// Averaging of the weights.
     pub averaging: Averaging,
-    /// Whether the first mixture is spread over the data, and means and widths, which are in photons, move by the
-    /// deviation of the data times the rate.
+    /// Whether the initial mixture is spread over the data. Means and widths, which are in photons, then change by
+    /// the deviation of the data times the rate.
     pub photon_scale: bool,
     /// Largest norm of a gradient; longer ones are shortened to it.
     pub max_norm: Option<f64>,
-    /// Largest number of validation patches; it is a tenth of all patches where that is less.
+    /// Largest number of validation patches; a tenth of all patches where that is less.
     pub max_validation: usize,
     /// Whether a uniform number from 0 to 1 is added to every pixel of every batch (dequantisation).
     pub dequantise: bool,
-    /// Time after which the fit ends, that of validation included.
+    /// Time after which the fit ends, validation included.
     pub budget: Option<Duration>,
-    /// What computes losses and gradients.
+    /// Compute backend of losses and gradients.
     pub engine: EngineChoice,
-    /// Seed of first weights, order, noise and dequantisation.
+    /// Seed of initial weights, order, noise and dequantisation.
     pub seed: u64,
 }
 
-/// What a fit did.
+/// Report of a fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitReport {
     /// Steps taken.
@@ -64,15 +64,16 @@ pub struct FitReport {
     pub epochs: Vec<(f64, f64)>,
     /// Epoch of the best weights, from 1.
     pub best_epoch: usize,
-    /// Steps that were refused because loss or gradient were not finite.
+    /// Steps skipped because loss or gradient were not finite.
     pub refused: usize,
-    /// Whether the budget ended it before its own rule did.
+    /// Whether the budget ended the fit before its own rule did.
     pub cut_short: bool,
 }
 
 impl PixelCnnFit {
     /// The published procedure (Kabuli et al. 2026): Adam at 1e-3, batches of 64, 500 steps per epoch, at most 200
-    /// epochs, an end after 20 without improvement, the best one kept, a tenth of the patches to validate.
+    /// epochs. It ends after 20 epochs without improvement and returns the best one. A tenth of the patches are for
+    /// validation.
     pub fn paper(seed: u64) -> Self {
         Self {
             batch: 64,
@@ -93,8 +94,8 @@ impl PixelCnnFit {
         }
     }
 
-    /// The default procedure: small batches, Muon with a rate that rises and falls, averaged weights, fresh noise for
-    /// every batch where clean patches are given.
+    /// The default procedure: small batches, Muon with a rate that rises and falls, averaged weights. Where clean
+    /// patches are given, every batch gets new noise.
     pub fn standard(seed: u64) -> Self {
         Self {
             batch: 4,

@@ -1,4 +1,4 @@
-//! Layers of the network and where their weights lie.
+//! Layers of the network and the places of their weights.
 
 use std::fmt;
 
@@ -12,15 +12,15 @@ use crate::plural::counted;
 pub struct PixelCnnShape {
     /// Channels C of the hidden layers.
     pub(super) channels: usize,
-    /// Gaussians K that are mixed in every pixel.
+    /// Number K of Gaussians in the mixture of every pixel.
     pub(super) components: usize,
     /// Distance in px between the taps of each gated block.
     pub(super) dilations: Vec<usize>,
 }
 
-/// Most channels, and most components.
+/// Largest number of channels, and of components.
 const MAX_WIDTH: usize = 512;
-/// Most gated blocks, and the largest dilation, px.
+/// Largest number of gated blocks, and the largest dilation, px.
 const MAX_DEPTH: usize = 64;
 
 impl fmt::Display for PixelCnnShape {
@@ -38,11 +38,11 @@ impl Default for PixelCnnShape {
     }
 }
 
-/// The four layers of a gated block, and what the two convolutions see.
+/// The four layers of a gated block, and the taps of the two convolutions.
 #[derive(Clone, Debug)]
 pub(super) struct Block {
     pub horizontal_taps: Taps,
-    /// What the vertical layer sees, and how the processor computes it.
+    /// Taps of the vertical layer, and its computation on the processor.
     pub tiled: Winograd,
     /// Taps C -> 2C.
     pub vertical: Layer,
@@ -68,10 +68,11 @@ pub(super) struct Layers {
 }
 
 impl PixelCnnShape {
-    /// A network of `channels` hidden channels, `components` Gaussians per pixel and one gated block per dilation (px).
+    /// A network of `channels` hidden channels, `components` Gaussians per pixel and one gated block per dilation
+    /// (px).
     ///
     /// # Errors
-    /// For a network of no or of absurd size.
+    /// For a network of size zero or of excessive size.
     pub fn new(channels: usize, components: usize, dilations: Vec<usize>) -> Result<Self, InformationError> {
         let depth = 1..=MAX_DEPTH;
         let widths = [channels, components].iter().all(|width| (1..=MAX_WIDTH).contains(width));
@@ -81,10 +82,10 @@ impl PixelCnnShape {
         Err(InformationError::NetworkShape { channels, components, dilations })
     }
 
-    /// Layers, and the names and first values of their weights.
+    /// Layers, and the names and initial values of their weights.
     ///
-    /// Kernels hold open taps only, shape (taps, inputs, outputs); their first variance counts the masked taps too, as
-    /// published. The bias of the means starts anywhere in the range of the data.
+    /// Kernels hold open taps only, shape (taps, inputs, outputs). Their initial variance counts the masked taps too,
+    /// as published. The initial bias of the means lies anywhere in the range of the data.
     pub(super) fn layers(&self, scale: &DataScale) -> (Layers, ParameterLayout) {
         let (channels, components) = (self.channels, self.components);
         let wide = 2 * channels;

@@ -1,4 +1,4 @@
-//! Which device of burn a name means, and whether it is there.
+//! The burn device of a name, and whether this machine has it.
 
 use burn::tensor::Device;
 
@@ -32,7 +32,7 @@ fn wgpu() -> Result<Device, InformationError> {
     Ok(best.unwrap_or_else(|| Device::wgpu(DeviceKind::DefaultDevice)))
 }
 
-/// Whether there is a card among what was found: more than nothing, and more than the `software` driver.
+/// Checks that a card was found: at least one device other than the `software` driver.
 #[cfg_attr(not(feature = "gpu"), allow(dead_code, reason = "tested in every build"))]
 fn check_cards<D: PartialEq>(found: &[D], software: &D) -> Result<(), InformationError> {
     let reason = if found.is_empty() {

@@ -1,4 +1,4 @@
-//! Losses and gradients by burn, a stretch of patches at a time.
+//! Losses and gradients by burn, computed for a chunk of patches at a time.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -13,12 +13,12 @@ use crate::information::density::pixelcnn::model::{PixelCnn, check};
 use crate::information::engine_choice::{BurnDevice, EngineChoice};
 use crate::information::error::InformationError;
 
-/// Pixels that are taken through the network at a time; automatic differentiation keeps about 45 kB for each.
+/// Pixels in the network at a time; automatic differentiation keeps about 45 kB for each.
 const CHUNK_PIXELS: usize = 1 << 14;
 
 /// One network on one device of burn.
 ///
-/// Weights go to the device and gradients come back at every step, 2.5 MB each for the published network.
+/// Every step transfers the weights to the device and the gradients back, 2.5 MB each for the published network.
 #[derive(Debug)]
 pub(in super::super) struct BurnEngine {
     choice: EngineChoice,
@@ -32,7 +32,7 @@ impl BurnEngine {
     /// Where this program was built without it, or this machine has no device for it.
     pub fn open(device: BurnDevice) -> Result<Self, InformationError> {
         let engine = Self { choice: EngineChoice::Burn(device), device: open_device(device)? };
-        // A driver that cannot compute is told here and not in the middle of a fit.
+        // A driver that cannot compute is reported here and not during a fit.
         engine.guarded(|| {
             let ones = Tensor::<1>::ones([8], &engine.device).sum().into_data();
             let sum = ones.iter::<f32>().sum::<f32>();
@@ -41,7 +41,7 @@ impl BurnEngine {
         Ok(engine)
     }
 
-    /// What a device says in place of a result: burn's devices panic where memory or drivers fail.
+    /// Runs `work` and turns a panic of the device into an error: burn's devices panic where memory or drivers fail.
     fn guarded<T>(&self, work: impl FnOnce() -> Result<T, String>) -> Result<T, InformationError> {
         let told = match catch_unwind(AssertUnwindSafe(work)) {
             Ok(Ok(value)) => return Ok(value),
@@ -51,13 +51,13 @@ impl BurnEngine {
                 text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
             }
         };
-        // What follows tells where in the libraries it happened.
+        // The lines after the first name the place in the libraries.
         let told = told.lines().next().unwrap_or_default();
         let reason = format!("{told}; check its driver and free memory, or choose the engine cpu");
         Err(InformationError::Engine { engine: self.choice, reason })
     }
 
-    /// Losses of the pixels of some patches (photons), nats, shape (pixels, 1), and the patches as burn has them.
+    /// Losses of the pixels of some patches (photons), nats, shape (pixels, 1), and the patches as a burn tensor.
     fn losses(model: &PixelCnn, network: &Network, device: &Device, patches: ArrayView3<'_, f32>) -> Scored {
         let (samples, rows, cols) = patches.dim();
         let values = TensorData::new(patches.iter().copied().collect::<Vec<f32>>(), [samples, rows, cols, 1]);
@@ -70,7 +70,7 @@ impl BurnEngine {
     }
 }
 
-/// What one stretch of patches gave.
+/// Result of one chunk of patches.
 struct Scored {
     /// Photons, shape (n, rows, cols, 1).
     values: Tensor<4>,
@@ -101,7 +101,7 @@ impl Engine for BurnEngine {
                 let Scored { values, losses } = Self::losses(model, &network, &device, part);
                 let gradients = (losses.clone().sum() * weight).backward();
                 let by_weights = network.gradients(&model.layers, &gradients)?;
-                // All in one reading: the device would be waited for at each.
+                // One transfer for all: each transfer waits for the device.
                 let mut reading = Transaction::default().register(losses.inner());
                 for (_, values) in &by_weights {
                     reading = reading.register(values.clone());
@@ -146,12 +146,12 @@ impl Engine for BurnEngine {
     }
 }
 
-/// Patches that are taken through the network at a time.
+/// Patches in the network at a time.
 fn samples_per_chunk(patch_pixels: usize) -> usize {
     (CHUNK_PIXELS / patch_pixels.max(1)).max(1)
 }
 
-/// What was read from a device.
+/// Numbers read from a device.
 fn numbers(data: &TensorData) -> Result<&[f32], String> {
     data.as_slice::<f32>().map_err(|error| format!("{error:?}"))
 }

@@ -9,7 +9,7 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use crate::information::density::pixelcnn::shape::{Block, Layers};
 use crate::nn::{Layer, Taps};
 
-/// Where the numbers of a gradient belong among those of all weights, and the numbers on their device.
+/// Place of a gradient among all weights, and its numbers on their device.
 pub(super) type PlacedGradient = (Range<usize>, Tensor<1>);
 
 /// A matrix product with a bias; [`Layer`] is its configuration.
@@ -132,7 +132,7 @@ impl Product {
     fn forward(&self, input: Tensor<3>) -> Tensor<3> {
         let (kernel, bias) = (self.kernel.val(), self.bias.val());
         let ([pieces, ..], [inputs, outputs]) = (input.dims(), kernel.dims());
-        // Both for every piece: their gradients are then sums over its pixels first.
+        // A copy for every piece: the gradients are then first summed over the pixels of each piece.
         let kernels = kernel.unsqueeze::<3>().expand([pieces, inputs, outputs]);
         let biases = bias.unsqueeze::<3>().expand([pieces, 1, outputs]);
         input.matmul(kernels) + biases
@@ -144,22 +144,24 @@ fn gradient_by<const D: usize>(weights: &Param<Tensor<D>>, gradients: &Gradients
     Ok(weights.val().grad(gradients).ok_or("a weight has no gradient")?.flatten(0, D - 1))
 }
 
-/// Pixels of a piece, about.
+/// Approximate number of pixels of a piece.
 const PIECE: usize = 256;
 
-/// Pieces of whole rows into which a patch of (rows, cols) pixels is cut for products.
+/// Number of pieces of whole rows into which a patch of (rows, cols) pixels is cut for products.
 ///
-/// A gradient by weights is a sum over all pixels. Graphics cards take such a sum in a few long strands, of which most of the card
-/// is idle; as a sum of sums over pieces it took a thirteenth to a seventieth of the time of one over 16,384 pixels.
+/// A gradient by weights is a sum over all pixels. Graphics cards compute such a sum in a few long threads, which
+/// leaves most of the card idle. As a sum of sums over pieces it took a thirteenth to a seventieth of the time of one
+/// over 16,384 pixels.
 fn pieces_of((rows, cols): (usize, usize)) -> usize {
     let divides = |pieces: &usize| rows.is_multiple_of(*pieces);
     (1..=rows).filter(divides).min_by_key(|pieces| (rows / pieces * cols).abs_diff(PIECE)).unwrap_or(1)
 }
 
-/// What every pixel of (n, rows, cols, channels) sees, shape (n, rows, cols, taps x channels); zeros outside the patch.
+/// Values at the taps of every pixel of (n, rows, cols, channels), shape (n, rows, cols, taps x channels); zeros
+/// outside the patch.
 ///
-/// A convolution is this and a matrix product: burn's own convolution costs many times more on a processor, and would
-/// compute the masked taps too.
+/// A convolution is this gather and a matrix product. burn's own convolution is many times slower on a processor, and
+/// would compute the masked taps too.
 fn columns(taps: &Taps, input: Tensor<4>) -> Tensor<4> {
     let [samples, rows, cols, channels] = input.dims();
     let reach = |offset: fn(&(isize, isize)) -> isize| {
@@ -175,7 +177,8 @@ fn columns(taps: &Taps, input: Tensor<4>) -> Tensor<4> {
     Tensor::cat(seen.collect(), 3)
 }
 
-/// The same with so many zeros before and after it in one dimension. burn's own padding spends milliseconds in its gradient.
+/// Returns `input` with a number of zeros before and after it in one dimension. The gradient of burn's own padding
+/// takes milliseconds.
 fn with_zeros(input: Tensor<4>, dim: usize, (before, after): (usize, usize)) -> Tensor<4> {
     let zeros = |count: usize| {
         let mut shape = input.dims();
