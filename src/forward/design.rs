@@ -1,4 +1,4 @@
-//! A design, which holds everything that its numbers depend on, and its JSON file.
+//! A design, which holds all settings that its numbers depend on, and its JSON file.
 
 use std::path::Path;
 
@@ -26,7 +26,7 @@ pub struct Design {
     pub encoder: Encoder,
     /// The objects.
     pub objects: ObjectSource,
-    /// Mean of the objects in photons per pixel, where their source leaves it open.
+    /// Mean of the objects in photons per pixel, where their source does not set it.
     pub mean_photons: f64,
     /// Background light in photons per pixel.
     pub bias_photons: f64,
@@ -34,7 +34,7 @@ pub struct Design {
     pub noise: Noise,
     /// Seed of objects, noise and patches.
     pub seed: u64,
-    /// What can be manufactured.
+    /// Manufacturing limits.
     #[serde(default)]
     pub limits: Limits,
 }
@@ -67,7 +67,7 @@ pub enum DesignError {
         name: &'static str,
         /// Its value.
         found: f64,
-        /// What it may be.
+        /// The allowed values.
         expected: &'static str,
     },
 }
@@ -76,16 +76,17 @@ impl Design {
     /// Largest mean or background in photons per pixel.
     pub const MAX_PHOTONS: f64 = 1e7;
 
-    /// The design whose measurements bound the information of this one from above by a density; see [`Noise::bounding`].
+    /// The design whose measurements give an upper bound on the information of this one by a density model; see
+    /// [`Noise::bounding`].
     #[must_use]
     pub fn bounding(&self) -> Self {
         Self { noise: self.noise.bounding(), ..self.clone() }
     }
 
-    /// Whether this design can be computed.
+    /// Checks that this design can be computed.
     ///
     /// # Errors
-    /// [`DesignError`] names the first setting that cannot be.
+    /// [`DesignError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), DesignError> {
         match &self.encoder {
             Encoder::Lenslets(array) => array.check()?,
@@ -93,7 +94,7 @@ impl Design {
                 let expected = "1 to 32 pixels";
                 return Err(DesignError::Setting { name: "aperture_px", found: diffuser.aperture_px as f64, expected });
             }
-            // A picture was checked when it was made.
+            // An image was checked when it was made.
             Encoder::Diffuser(_) | Encoder::Image(_) => {}
         }
         if !(self.mean_photons > 0.0 && self.mean_photons <= Self::MAX_PHOTONS) {
@@ -115,7 +116,7 @@ impl Design {
         Ok(())
     }
 
-    /// Memory that this design takes, bytes, roughly.
+    /// Approximate memory of this design, bytes.
     pub fn size_in_memory(&self) -> usize {
         let mask = match &self.encoder {
             Encoder::Lenslets(array) => std::mem::size_of_val(array.lenslets.as_slice()),
@@ -128,15 +129,15 @@ impl Design {
     /// Reads a design file.
     ///
     /// # Errors
-    /// [`DesignFileError`] says what the file is instead.
+    /// [`DesignFileError`] describes the contents of any other file.
     pub fn open(path: &Path) -> Result<Self, DesignFileError> {
         Self::from_value(read_json(path)?, &path.display().to_string())
     }
 
-    /// The design that the contents of a design file hold; `path` is named where they do not.
+    /// The design in the contents of a design file; errors name `path`.
     ///
     /// # Errors
-    /// [`DesignFileError`] says what they are instead.
+    /// [`DesignFileError`] describes any other contents.
     pub fn from_value(value: serde_json::Value, path: &str) -> Result<Self, DesignFileError> {
         let refuse =
             |found: String, advice: &'static str| DesignFileError::Refused { path: path.to_owned(), found, advice };
@@ -147,19 +148,19 @@ impl Design {
             };
             refuse(mismatch.to_string(), advice)
         })?;
-        // The mask is read as a whole, so that what is wrong with one lenslet would not tell which.
+        // The mask is parsed as a whole, so its error would not name the wrong lenslet.
         if let Some(found) = wrong_lenslet(&value) {
             return Err(refuse(found, "correct the entry or restore the file from a backup"));
         }
-        // The error begins with the entry it is about.
+        // The error begins with the name of its entry.
         let design: Self = serde_path_to_error::deserialize(value)
             .map_err(|error| refuse(error.to_string(), "correct the entry or restore the file from a backup"))?;
         design.check().map_err(|error| refuse(error.to_string(), "correct the entry"))?;
         Ok(design)
     }
 
-    /// Writes a design file, with the PSF it renders to for other programs where that is of moderate size; safely, so that the
-    /// file is either the old one or the new one, whole.
+    /// Writes a design file. It includes the rendered PSF for other programs where that is of moderate size. Writing
+    /// is safe: the file is either the complete old one or the complete new one.
     ///
     /// # Errors
     /// [`DesignFileError`] where the design cannot be rendered or the file cannot be written.
@@ -167,7 +168,7 @@ impl Design {
         Ok(self.complete_file(path)?.put_in_place()?)
     }
 
-    /// As [`Design::save`], up to the name of the file.
+    /// As [`Design::save`], but returns the complete file before it gets its name.
     ///
     /// # Errors
     /// As [`Design::save`].
@@ -192,7 +193,7 @@ impl Design {
         })
     }
 
-    /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all that the lenslets are focused on.
+    /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all focal planes of the lenslets.
     ///
     /// # Errors
     /// [`DesignError`] where the mask cannot be rendered.
@@ -202,7 +203,7 @@ impl Design {
     }
 }
 
-/// What is wrong with the first lenslet of a design file that is none, or has two shapes.
+/// Description of the first entry of a design file that is not a lenslet or has two shapes.
 fn wrong_lenslet(design: &serde_json::Value) -> Option<String> {
     let lenslets = design.get("encoder")?.get("lenslets")?.as_array()?;
     lenslets.iter().zip(1..).find_map(|(lenslet, number)| {
@@ -218,10 +219,10 @@ fn wrong_lenslet(design: &serde_json::Value) -> Option<String> {
 
 /// The kind of the file.
 const DESIGN: DocumentKind = DocumentKind::new("lenslet-studio/design", "a design");
-/// Most numbers of a PSF that are written into a design file.
+/// Largest number of PSF values in a design file.
 const MOST_PSF_NUMBERS: usize = 1 << 20;
 
-/// What stands in a design file. The PSF is for other programs: opening renders it from the encoder.
+/// Contents of a design file. The PSF is for other programs: opening renders it from the encoder.
 #[derive(Serialize)]
 struct DesignFile<'a> {
     #[serde(flatten)]
@@ -234,7 +235,7 @@ fn rows_of(psf: &Array3<f64>) -> Vec<Vec<Vec<f64>>> {
     psf.axis_iter(Axis(0)).map(|plane| plane.rows().into_iter().map(|row| row.to_vec()).collect()).collect()
 }
 
-/// Why a design file was not read or written.
+/// Reason why a design file was not read or written.
 #[derive(Debug, Error)]
 pub enum DesignFileError {
     /// The file cannot be read, parsed or written.
@@ -248,7 +249,7 @@ pub enum DesignFileError {
     Refused {
         /// The file.
         path: String,
-        /// What it holds.
+        /// The contents found.
         found: String,
         /// What to do.
         advice: &'static str,

@@ -1,4 +1,4 @@
-//! The one forward model: a design, and how its objects, mask and sensor make measurements.
+//! The forward model: a design, and the measurements of its objects by its mask and sensor.
 
 mod design;
 mod error;

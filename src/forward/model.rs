@@ -17,7 +17,7 @@ pub struct ForwardModel<'a> {
 }
 
 impl<'a> ForwardModel<'a> {
-    /// Objects seen through point spread functions of `grid` (rows, cols).
+    /// A forward model of objects imaged by point spread functions of `grid` (rows, cols).
     ///
     /// # Errors
     /// Where the grid is larger than the objects.
@@ -25,7 +25,7 @@ impl<'a> ForwardModel<'a> {
         Ok(Self { set, bias, noise, plan: Convolution::new(set.field(), grid)? })
     }
 
-    /// The same with the noise by which densities bound from above; see [`Noise::bounding`].
+    /// The forward model with the noise for upper bounds by density models; see [`Noise::bounding`].
     #[must_use]
     pub fn bounding(&self) -> Self {
         Self { noise: self.noise.bounding(), plan: self.plan.clone(), ..*self }
@@ -36,14 +36,14 @@ impl<'a> ForwardModel<'a> {
         &self.plan
     }
 
-    /// Shape (rows, cols) of a patch: `wished`, at most the measurement; without `wished`, the measurement.
+    /// Shape (rows, cols) of a patch: `wished`, limited to the measurement; without `wished`, the measurement.
     pub fn patch(&self, wished: Option<(usize, usize)>) -> (usize, usize) {
         let (rows, cols) = self.plan.measurement_shape();
         wished.map_or((rows, cols), |wished| (rows.min(wished.0), cols.min(wished.1)))
     }
 
-    /// The optics of a point spread function of shape (planes, rows, cols); planes that the objects do not have are
-    /// left out.
+    /// The convolution with a point spread function of shape (planes, rows, cols); planes without objects are left
+    /// out.
     ///
     /// # Errors
     /// For a grid of another size.
@@ -55,7 +55,7 @@ impl<'a> ForwardModel<'a> {
 /// Mean of the measurements of a set of objects through a point spread function of shape (planes, rows, cols) with a
 /// background of `bias`; photons per pixel.
 pub fn mean_measurement(set: &ObjectSet, psf: ArrayView3<'_, f64>, bias: f64) -> f64 {
-    // Where the sensor looks, beads are not thinned out by the border as they are in the mean over whole objects.
+    // Within the measurement, beads are not thinned out by the border as they are in the mean over whole objects.
     let mean_object = set.bead_prior().map_or(set.mean(), |prior| prior.probability * prior.spot.sum());
     mean_object * psf.sum() + bias
 }

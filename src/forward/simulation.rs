@@ -1,4 +1,4 @@
-//! Simulated measurements of a design, part by part.
+//! Simulated measurements of a design, in parts.
 
 use std::ops::ControlFlow;
 
@@ -57,8 +57,8 @@ impl<'a> Simulator<'a> {
         self.convolver.plan().measurement_shape()
     }
 
-    /// Measures objects `first` to `first + count - 1`. An object and its noise depend on its number and the design's
-    /// seed alone, so parts of any length make the same whole.
+    /// Measures objects `first` to `first + count - 1`. An object and its noise depend only on its number and the
+    /// design's seed, so parts of any length give the same whole.
     ///
     /// # Errors
     /// [`ForwardError`] where they do not fit into memory.
@@ -76,7 +76,7 @@ pub fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
     open_set_with(design, &|_| ControlFlow::Continue(()))
 }
 
-/// The objects of a design, telling how far reading is; [`ControlFlow::Break`] stops it.
+/// The objects of a design, with reports of the progress of reading; [`ControlFlow::Break`] cancels.
 pub fn open_set_with(design: &Design, reading: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<ObjectSet, ObjectError> {
     let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
     ObjectSet::open_with(&design.objects, &options, reading)

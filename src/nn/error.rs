@@ -1,19 +1,19 @@
-//! What can be wrong with the weights of a network.
+//! Errors of the weights of a network.
 
 use thiserror::Error;
 
-/// Why weights are not those of a network.
+/// Reason why weights do not belong to a network.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum NetworkError {
     /// The bytes are not a safetensors file of this network.
     #[error("these are not weights of this network: expected {expected}, found {found}; choose another file")]
     Weights {
-        /// What was expected.
+        /// The expected contents.
         expected: String,
-        /// What was found instead.
+        /// The contents found.
         found: String,
     },
-    /// The file was written by a newer program, or by none.
+    /// The file was written by a newer program, or has no version.
     #[error(
         "the weights are of format version {found}, this program reads up to version {newest}; use a newer Lenslet Studio"
     )]

@@ -1,8 +1,9 @@
-//! Building blocks of small neural networks on the CPU: kernels, layers, optimizers and weight files. Knows no optics.
+//! Building blocks of small neural networks on the CPU: kernels, layers, optimizers and weight files. They contain no
+//! optics.
 //!
-//! Arrays are plain `f32` slices, row-major, with the channel as the last axis: (samples, rows, cols, channels). Work is
-//! split between threads in the same way for any number of threads, and partial sums are added in a fixed order. Equal
-//! seeds therefore give equal bits.
+//! Arrays are plain `f32` slices, row-major, with the channel as the last axis: (samples, rows, cols, channels). Work
+//! is split between threads in the same way for any number of threads, and partial sums are added in a fixed order.
+//! Equal seeds therefore give equal bits.
 
 mod error;
 mod kernels;

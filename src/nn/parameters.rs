@@ -1,4 +1,4 @@
-//! Names, shapes and places of the weights of a network in one array, and their first values.
+//! Names, shapes and places of the weights of a network in one array, and their initial values.
 
 use std::ops::Range;
 
@@ -9,7 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// Standard deviation of a standard normal cut off at two.
 const CUT_DEVIATION: f32 = 0.879_625_7;
 
-/// How a tensor is drawn before training.
+/// Distribution of a tensor before training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Initial {
     /// Zeros.
@@ -44,11 +44,11 @@ pub struct Tensor {
     pub shape: Vec<usize>,
     /// Its place among all weights.
     pub range: Range<usize>,
-    /// How it is drawn before training: parts of the last axis, in order, with their lengths.
+    /// Its distribution before training: parts of the last axis, in order, with their lengths.
     pub initial: Vec<(usize, Initial)>,
 }
 
-/// The tensors of a network in the order in which they lie in one array.
+/// The tensors of a network in the order of one array.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ParameterLayout {
     tensors: Vec<Tensor>,
@@ -84,7 +84,7 @@ impl ParameterLayout {
         &self.tensors
     }
 
-    /// Draws first weights; each tensor has a random stream of its own.
+    /// Draws initial weights; each tensor has its own random stream.
     pub fn draw(&self, seed: u64) -> Vec<f32> {
         let mut weights = Vec::with_capacity(self.count());
         for (index, tensor) in self.tensors.iter().enumerate() {

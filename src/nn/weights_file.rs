@@ -1,4 +1,4 @@
-//! Weights as the bytes of a safetensors file, with a header that says whose they are.
+//! Weights as the bytes of a safetensors file, with a header that names their network.
 
 use std::collections::HashMap;
 
@@ -10,12 +10,12 @@ use super::parameters::ParameterLayout;
 
 use crate::plural::counted;
 
-/// What a weights file says about itself: the program's name for the network, and everything else as text.
+/// Header of a weights file: the program's name for the network, and everything else as text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WeightsHeader<'a> {
     /// Value of `format`, such as "lenslet-studio/pixelcnn".
     pub format: &'a str,
-    /// Newest `format_version` that is written and read.
+    /// Newest `format_version`, for writing and reading.
     pub version: u32,
 }
 
@@ -65,10 +65,10 @@ pub fn read_details(bytes: &[u8], header: &WeightsHeader<'_>) -> Result<HashMap<
     }
 }
 
-/// One entry of the header of a safetensors file, whatever its format.
+/// One entry of the header of a safetensors file of any format.
 ///
 /// # Errors
-/// [`NetworkError::Weights`] for bytes that are something else, and where it is missing.
+/// [`NetworkError::Weights`] for bytes of another format, and where the entry is missing.
 pub fn read_detail(bytes: &[u8], name: &str) -> Result<String, NetworkError> {
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| not_a_file(&error))?;
     let found = metadata.metadata().as_ref().and_then(|details| details.get(name).cloned());

@@ -1,10 +1,10 @@
-//! Exponential and logarithm that the compiler can turn into vector instructions, and the choice of the widest ones.
+//! Exponential and logarithm for vector instructions, and the choice of the widest ones.
 
-/// Defines a function whose body is compiled for the widest vector instructions of this processor (AVX-512, AVX2, NEON,
-/// or the baseline).
+/// Defines a function whose body is compiled for the widest vector instructions of this processor (AVX-512, AVX2,
+/// NEON, or the baseline).
 ///
-/// The choice is made at run time, so one program runs on any machine of its architecture. The body must be part of the
-/// function that the choice leads to, which an attribute on a closure cannot ask for; hence the struct.
+/// The choice is made at run time, so one program runs on any machine of its architecture. The body must be inlined
+/// into the chosen function. An attribute on a closure cannot require that; hence the struct.
 ///
 /// `fused NAME` among the parameters makes NAME a constant of the body: whether [`multiplies_and_adds`].
 macro_rules! vectorised {
@@ -48,12 +48,12 @@ macro_rules! vectorised {
 }
 pub(crate) use vectorised;
 
-/// Whether vector instructions of this processor multiply and add in one go, with one rounding.
+/// Whether vector instructions of this processor multiply and add in one instruction, with one rounding.
 pub fn multiplies_and_adds() -> bool {
     !matches!(pulp::Arch::new(), pulp::Arch::Scalar)
 }
 
-/// `a b + c`, in one instruction where that is known to exist; elsewhere such a product would be the call of a library.
+/// `a b + c`, in one instruction where the processor is known to have it; elsewhere that would be a library call.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
 fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
@@ -63,7 +63,7 @@ fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// 1.5 * 2^23: adding it to a small number leaves its rounded integer in the low bits.
 const ROUND: f32 = 12_582_912.0;
 
-/// e^x, relative error below 3e-7; x is limited to [-87, 88], so the result is never 0, subnormal or infinite.
+/// e^x, relative error below 3e-7; x is clamped to [-87, 88], so the result is never 0, subnormal or infinite.
 ///
 /// Range reduction and polynomial as in Cephes (Moshier 1989), `expf`.
 #[inline(always)]
@@ -82,11 +82,11 @@ pub fn exponential<const FUSED: bool>(x: f32) -> f32 {
     (multiply_add::<FUSED>(p * r, r, r) + 1.0) * power_of_two
 }
 
-/// Below this a share of a whole counts for nothing.
+/// Shares of a whole below this are set to 0.
 const NEGLIGIBLE: f32 = 1e-19;
 
-/// A share of a whole, or 0 where it is too small to count: products of such shares and of gradients are subnormal, with
-/// which processors may calculate many times more slowly. Measurements of dark scenes would be full of them.
+/// A share of a whole, or 0 where it is negligible. Products of such shares and of gradients would be subnormal, and
+/// some processors compute these many times more slowly. Measurements of dark scenes would have many of them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "loops around it become vector code only when it is inlined")]
 pub fn if_not_negligible(share: f32) -> f32 {

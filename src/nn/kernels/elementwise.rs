@@ -1,19 +1,19 @@
-//! Operations on each number of several slices, in vector instructions whatever the compiler makes of the loop around them.
+//! Elementwise operations over several slices, in vector instructions.
 //!
-//! A plain loop over several slices becomes vector code only where the compiler finds it worth to check that they do not overlap,
-//! which depends on what it was inlined into. Here a few numbers of every slice are loaded before any is stored.
+//! The compiler vectorises a plain loop over several slices only if it checks that they do not overlap. Whether it
+//! does so depends on the code around the loop. Here a few numbers of every slice are loaded before any is stored.
 
-/// Numbers that are worked on side by side.
+/// Numbers processed side by side.
 pub(crate) const LANES: usize = 16;
 
-/// What becomes of `O` numbers, given those and `I` others.
+/// Operation that replaces `O` numbers, given those and `I` others.
 pub(crate) trait Elementwise<const I: usize, const O: usize> {
-    /// The new numbers, to be inlined always.
+    /// The new numbers; always inlined.
     fn apply(&self, from: [f32; I], to: [f32; O]) -> [f32; O];
 }
 
-/// Defines an [`Elementwise`] operation without parameters, or with a constant: whether this processor
-/// [multiplies and adds](super::multiplies_and_adds) in one go.
+/// Defines an [`Elementwise`] operation without parameters, or with a constant: whether this processor [multiplies
+/// and adds](super::multiplies_and_adds) in one instruction.
 macro_rules! elementwise {
     ($(#[$meta:meta])* $name:ident $(<$fused:ident>)?, $from:expr => $to:expr, |$given:pat_param, $old:pat_param| $body:expr) => {
         $(#[$meta])*
@@ -55,7 +55,7 @@ pub(crate) fn each<E: Elementwise<I, O>, const I: usize, const O: usize>(
     }
 }
 
-/// The same for `N` numbers.
+/// As [`each`], for `N` numbers.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
 #[allow(clippy::needless_range_loop, reason = "loops of constant length are unrolled before arrays become registers")]
@@ -90,7 +90,7 @@ fn block<E: Elementwise<I, O>, const I: usize, const O: usize, const N: usize>(
     }
 }
 
-/// The sum of numbers side by side, by halves: one after the other each addition would wait for the one before it.
+/// The sum of numbers side by side, by halves: in a serial sum each addition would wait for the one before it.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "called in loops over pixels")]
 pub(crate) fn sum_of_lanes(lanes: [f32; LANES]) -> f32 {
@@ -106,7 +106,7 @@ pub(crate) fn sum_of_lanes(lanes: [f32; LANES]) -> f32 {
 
 /// Root of the sum of squares, in double precision.
 pub(crate) fn euclidean_norm(values: &[f32]) -> f64 {
-    // Many sums side by side: one alone waits for every addition.
+    // Many sums side by side: a single sum waits for every addition.
     let (whole, rest) = values.as_chunks::<LANES>();
     let mut sums = [0.0; LANES];
     for values in whole.iter().map(<[f32; LANES]>::as_slice).chain([rest]) {

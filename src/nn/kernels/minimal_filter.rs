@@ -1,7 +1,7 @@
-//! The linear maps of Winograd's minimal filtering F(4, 3), and their way through many channels.
+//! The linear maps of Winograd's minimal filtering F(4, 3), and their application to many channels.
 //!
-//! The product of polynomials of four and of three numbers takes one multiplication at each of six points: 0, 1, -1, 2, -2 and
-//! infinity. Read backwards, that makes four outputs of six inputs and three taps (Lavin & Gray 2016).
+//! The product of polynomials of four and of three numbers takes one multiplication at each of six points: 0, 1, -1,
+//! 2, -2 and infinity. Its transpose computes four outputs from six inputs and three taps (Lavin & Gray 2016).
 
 use std::ops::{Add, Mul, Sub};
 
@@ -13,10 +13,10 @@ use super::matmul::Write;
 pub(in crate::nn) const TILE: usize = 4;
 /// Taps in a row.
 pub(in crate::nn) const TAPS: usize = 3;
-/// Inputs that a tile sees, and points at which their polynomials are multiplied.
+/// Inputs of a tile, and points at which their polynomials are multiplied.
 pub(in crate::nn) const POINTS: usize = TILE + TAPS - 1;
 
-/// What a transform calculates with: one number, or as many as a processor takes at a time.
+/// Number type of a transform: one number, or a vector register of them.
 pub(in crate::nn) trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<f32, Output = Self>
 {
@@ -137,8 +137,8 @@ linear!(
     }
 );
 
-/// Applies `linear` `count` times to all channels of those places of `source` and `target`, both (places, channels), that
-/// `places` tells. Where there is no place there are zeros, and nothing is written.
+/// Applies `linear` `count` times to all channels of places of `source` and `target`, both (places, channels).
+/// `places` returns these places. A missing input place reads as zeros; a missing output place is not written.
 pub(in crate::nn) fn transform<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usize>(
     linear: L,
     channels: usize,
@@ -151,7 +151,7 @@ pub(in crate::nn) fn transform<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, co
     Arch::new().dispatch(Transform { linear, channels, source, target, write, count, places });
 }
 
-/// Where the numbers that a map takes lie, and those that it gives.
+/// Places of the inputs and of the outputs of a map.
 pub(in crate::nn) type Places<const I: usize, const O: usize> = ([Option<usize>; I], [Option<usize>; O]);
 
 struct Transform<'a, L, P, const I: usize, const O: usize> {
@@ -175,7 +175,7 @@ impl<L: Linear<I, O>, P: Fn(usize) -> Places<I, O>, const I: usize, const O: usi
         let Self { linear, channels, source, target, write, count, places } = self;
         let zero = simd.splat_f32s(0.0);
         for n in 0..count {
-            // Read by reference: places that are taken by value are copied first, for which each tile would wait.
+            // Read by reference: places passed by value are copied first, which delays each tile.
             let (from, to) = places(n);
             let mut seen: [&[f32]; I] = [&[]; I];
             for (seen, place) in seen.iter_mut().zip(&from) {

@@ -11,7 +11,7 @@ pub fn part_range(samples: usize, parts: usize, index: usize) -> Range<usize> {
     samples * index / parts..samples * (index + 1) / parts
 }
 
-/// Numbers one thread sums at a time.
+/// Numbers that one thread sums at a time.
 const STRETCH: usize = 16_384;
 
 /// `total = parts[0] + parts[1] + ...`, each number summed in that order.

@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
-/// A stack of images in one array in which every image is followed by a row, and every row by a pixel, of zeros.
+/// A stack of images in one array in which every image is followed by a row of zeros, and every row by one zero
+/// pixel.
 ///
-/// The zeros serve the row or image before and after them, so a 3x3 window reads one array without asking for edges. The
-/// array begins and ends with as many zeros as such a window reaches.
+/// The zeros serve the row or image before and after them, so a 3x3 window reads one array without checks for edges.
+/// The array begins and ends with as many zeros as such a window reaches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PaddedImages {
     /// Number of images.
@@ -17,7 +18,7 @@ pub struct PaddedImages {
 }
 
 impl PaddedImages {
-    /// Pixels from one to the one below it.
+    /// Pixels from one pixel to the one below it.
     pub fn stride(self) -> usize {
         self.cols + 1
     }

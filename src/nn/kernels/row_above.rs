@@ -1,7 +1,8 @@
-//! Dilated convolutions that see three pixels of one row above, in half the multiplications where a row is a multiple of four
-//! dilations long: minimal filtering as in [`Winograd`](super::Winograd), for layers that are masked within their own row.
+//! Dilated convolutions with three taps in one row above, for layers that are masked within their own row. They take
+//! half the multiplications where a row is a multiple of four dilations long: minimal filtering as in
+//! [`Winograd`](super::Winograd).
 //!
-//! All that a pixel sees lies in a row before its own, so no pixel depends, even by rounding, on those after it.
+//! All taps of a pixel lie in a row before its own, so no pixel depends, even by rounding, on those after it.
 
 use super::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 use super::minimal_filter::{
@@ -11,21 +12,21 @@ use super::minimal_filter::{
 use super::taps::Grid;
 use super::tiles::{TileMemory, part, part_mut, points_of, taps_of, tiles_of_row};
 
-/// A convolution with three taps in the row `dilation` px above, as far from each other, and no bias.
+/// A convolution with three taps in the row `dilation` px above, at the same distance from each other, and no bias.
 ///
 /// Its kernel has shape (3 taps, inputs, outputs), from left to right.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RowAbove {
     /// Distance between taps, and of their row, px.
     pub dilation: usize,
-    /// Channels that it takes.
+    /// Input channels.
     pub inputs: usize,
-    /// Channels that it gives.
+    /// Output channels.
     pub outputs: usize,
 }
 
 impl RowAbove {
-    /// The kernel (3 taps, inputs, outputs) as the passes want it: (6 points, inputs, outputs).
+    /// The kernel (3 taps, inputs, outputs), transformed for the passes: (6 points, inputs, outputs).
     pub fn transformed(self, kernel: &[f32]) -> Vec<f32> {
         let mut points = vec![0.0; kernel.len() / TAPS * POINTS];
         let places = |row| (taps_of(row), points_of(row, 1));
@@ -49,8 +50,8 @@ impl RowAbove {
         });
     }
 
-    /// Gradient by the input, added to `by_input` (pixels, inputs), and by the kernel, written to `gradient` where that is asked
-    /// for, from the gradient by the output (pixels, outputs); kernel [`RowAbove::transformed`].
+    /// Adds the gradient by the input to `by_input` (pixels, inputs), from the gradient by the output (pixels,
+    /// outputs). Writes that by the kernel to `gradient` where it is given; kernel [`RowAbove::transformed`].
     pub fn backward(
         self,
         grid: Grid,
@@ -88,7 +89,7 @@ impl RowAbove {
         });
     }
 
-    /// Lists the tiles and makes room; returns how many tiles there are.
+    /// Lists the tiles and allocates memory; returns the number of tiles.
     fn prepare(self, grid: Grid, memory: &mut TileMemory) -> usize {
         memory.tiles.clear();
         for sample in 0..grid.samples {
@@ -120,7 +121,7 @@ mod tests {
             (2, 3, 4, Grid { samples: 2, rows: 5, cols: 13 }),
             (4, 18, 2, Grid { samples: 1, rows: 6, cols: 16 }),
             (3, 2, 3, Grid { samples: 2, rows: 7, cols: 2 }),
-            // Nothing lies as far above.
+            // No row lies that far above.
             (2, 4, 3, Grid { samples: 2, rows: 2, cols: 5 }),
         ] {
             let layer = RowAbove { dilation, inputs, outputs };
@@ -178,7 +179,7 @@ mod tests {
         }
         let (before, after) = (given(&input), given(&changed));
         for (before, after) in before.chunks_exact(image).zip(after.chunks_exact(image)) {
-            // The first row is seen by the third.
+            // The third row has taps in the first.
             assert_eq!(before[..3 * row], after[..3 * row]);
             assert!(before[3 * row..] != after[3 * row..]);
         }

@@ -1,4 +1,4 @@
-//! Taps of masked, dilated convolutions: which neighbours a pixel sees, gathered into columns for a matrix product.
+//! Taps of masked, dilated convolutions: the neighbours of a pixel, gathered into columns for a matrix product.
 //!
 //! Only the taps that a mask leaves open are gathered, so masked ones cost nothing.
 
@@ -24,7 +24,7 @@ impl Grid {
     }
 }
 
-/// Offsets (rows down, columns right) from a pixel to those it sees; outside the image there are zeros.
+/// Offsets (rows down, columns right) from a pixel to its taps; outside the image there are zeros.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taps {
     offsets: Vec<(isize, isize)>,
@@ -41,12 +41,13 @@ impl Taps {
         self.offsets.len()
     }
 
-    /// Offsets (rows down, columns right) from a pixel to those it sees, px.
+    /// Offsets (rows down, columns right) from a pixel to its taps, px.
     pub fn offsets(&self) -> &[(isize, isize)] {
         &self.offsets
     }
 
-    /// Writes what each pixel of `input` (pixels, channels) sees to `columns` (pixels, taps, channels).
+    /// Writes the values at the taps of each pixel of `input` (pixels, channels) to `columns` (pixels, taps,
+    /// channels).
     pub fn gather(&self, grid: Grid, channels: usize, input: &[f32], columns: &mut [f32]) {
         match channels {
             8 => gather_of::<8>(self, grid, input, columns),
@@ -90,7 +91,7 @@ vectorised! {
     }
 }
 
-/// Written with vectors: of plain loops the compiler makes code that gathers one channel of many columns.
+/// Written with vectors: for plain loops the compiler gathers one channel of many columns.
 struct ScatterAdd<'a> {
     taps: &'a Taps,
     grid: Grid,
@@ -128,12 +129,12 @@ impl WithSimd for ScatterAdd<'_> {
     }
 }
 
-/// The pixels of one image line that see others through a tap.
+/// The pixels of one image line with a tap inside the image.
 struct Run {
     /// Column of the first.
     first: usize,
     count: usize,
-    /// Pixel that the first one sees.
+    /// Pixel at the tap of the first one.
     source: usize,
 }
 

@@ -1,15 +1,15 @@
-//! Tiles of minimal filtering along rows: which pixels they see and give, and where their numbers lie.
+//! Tiles of minimal filtering along rows: their input and output pixels, and the places of their numbers.
 
 use super::minimal_filter::{POINTS, TAPS, TILE};
 
-/// Pixels that a tile sees and gives; none outside the image.
+/// Input and output pixels of a tile; `None` outside the image.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::nn) struct Tile {
     pub seen: [Option<usize>; POINTS],
     pub given: [Option<usize>; TILE],
 }
 
-/// What one thread needs for convolutions by minimal filtering.
+/// Memory of one thread for convolutions by minimal filtering.
 #[derive(Clone, Debug, Default)]
 pub struct TileMemory {
     pub(in crate::nn) tiles: Vec<Tile>,
@@ -21,8 +21,8 @@ pub struct TileMemory {
     pub(in crate::nn) by_kernel: Vec<f32>,
 }
 
-/// The tiles of a row of `cols` pixels with `dilation` px between taps, of which those that are seen begin at pixel `seen`, and
-/// those that are given at pixel `given`.
+/// The tiles of a row of `cols` pixels with `dilation` px between taps. The input row begins at pixel `seen`, the
+/// output row at pixel `given`.
 pub(in crate::nn) fn tiles_of_row(
     (cols, dilation): (usize, usize),
     (seen, given): (usize, usize),
@@ -35,24 +35,24 @@ pub(in crate::nn) fn tiles_of_row(
     })
 }
 
-/// What belongs to one point of numbers of all.
+/// The numbers of one point, out of those of all points.
 pub(in crate::nn) fn part(values: &[f32], point: usize) -> &[f32] {
     let size = values.len() / POINTS;
     &values[point * size..(point + 1) * size]
 }
 
-/// The same, to be written.
+/// The numbers of one point, mutable.
 pub(in crate::nn) fn part_mut(values: &mut [f32], point: usize) -> &mut [f32] {
     let size = values.len() / POINTS;
     &mut values[point * size..(point + 1) * size]
 }
 
-/// Where the points of tile or row `n` of `count` lie.
+/// Places of the points of tile or row `n` of `count`.
 pub(in crate::nn) fn points_of(n: usize, count: usize) -> [Option<usize>; POINTS] {
     std::array::from_fn(|point| Some(point * count + n))
 }
 
-/// Where the taps of a row of the kernel lie.
+/// Places of the taps of a row of the kernel.
 pub(in crate::nn) fn taps_of(row: usize) -> [Option<usize>; TAPS] {
     std::array::from_fn(|tap| Some(row * TAPS + tap))
 }

@@ -1,8 +1,8 @@
 //! Products of the windows around all pixels with a narrow kernel, without gathering the windows first.
 //!
-//! A layer of 16 channels is so narrow that copying its windows for a general matrix product takes longer than the
-//! arithmetic. Here a few pixels at a time keep their sums in vector registers, which reaches 70 % of the peak of one
-//! AVX2 core. The number of pixels is the largest that leaves registers for the weights.
+//! In a layer of 16 channels, copying the windows for a general matrix product takes longer than the arithmetic. Here
+//! a few pixels at a time keep their sums in vector registers, which reaches 70 % of the peak of one AVX2 core. The
+//! number of pixels is the largest that leaves registers for the weights.
 
 use std::ops::Range;
 
@@ -12,18 +12,18 @@ use pulp::{Arch, Simd, WithSimd};
 /// cache.
 const STRETCH: usize = 192;
 
-/// Which pixels a layer sees, and how many numbers it takes from each to how many.
+/// Window of a layer: its pixels, and the numbers of inputs and outputs per pixel.
 ///
 /// Inputs and outputs are 16 and 16, 24 and 16, or 16 and 24.
 #[derive(Clone, Debug)]
 pub struct Window {
-    /// Places of the seen pixels, relative to the pixel they are seen by.
+    /// Places of the window's pixels, relative to its output pixel.
     pub offsets: Vec<isize>,
-    /// Pixels that are computed; all that they see lie inside the array.
+    /// Output pixels; their windows lie inside the array.
     pub range: Range<usize>,
-    /// Numbers of a pixel that is seen.
+    /// Input numbers per pixel.
     pub inputs: usize,
-    /// Numbers computed for a pixel.
+    /// Output numbers per pixel.
     pub outputs: usize,
 }
 
@@ -46,7 +46,7 @@ pub fn window_product_by_kernel(window: &Window, input: &[f32], by_output: &[f32
     arch(window).dispatch(ByKernel { window, input, by_output, gradient });
 }
 
-/// The widest vector instructions of this processor whose vectors the outputs of a pixel fill.
+/// The widest vector instructions of this processor whose vectors are filled by the outputs of a pixel.
 fn arch(window: &Window) -> Arch {
     #[cfg(target_arch = "x86_64")]
     if !window.outputs.is_multiple_of(16)
@@ -57,8 +57,8 @@ fn arch(window: &Window) -> Arch {
     Arch::new()
 }
 
-/// The kernel whose [`window_product`] takes gradients by the output to gradients by the input: taps in reverse order,
-/// inputs and outputs exchanged. The offsets must be symmetric.
+/// The kernel for which [`window_product`] converts gradients by the output to gradients by the input: taps in
+/// reverse order, inputs and outputs exchanged. The offsets must be symmetric.
 pub fn transposed_kernel(kernel: &[f32], (inputs, outputs): (usize, usize), transposed: &mut [f32]) {
     let size = inputs * outputs;
     for (tap, out) in kernel.chunks_exact(size).rev().zip(transposed.chunks_exact_mut(size)) {
@@ -100,7 +100,7 @@ impl WithSimd for Sums<'_> {
 }
 
 impl Sums<'_> {
-    /// `I` inputs, `V` vectors of outputs, `P` pixels at a time.
+    /// Kernel for `I` inputs, `V` vectors of outputs, `P` pixels at a time.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
     #[allow(
@@ -177,7 +177,7 @@ impl WithSimd for ByKernel<'_> {
 }
 
 impl ByKernel<'_> {
-    /// `V` vectors of outputs, the gradients by `G` inputs summed in registers together.
+    /// Kernel for `V` vectors of outputs; the gradients by `G` inputs are summed in registers together.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "vector instructions reach it only inside the dispatched function")]
     #[allow(
@@ -248,7 +248,7 @@ mod tests {
                     assert!((out[p * outputs + o] - expected).abs() < 2e-4, "{} {expected}", out[p * outputs + o]);
                 }
             }
-            // Adding to what is there, without a bias.
+            // Adds to existing values, without a bias.
             let mut linear = vec![1.0; out.len()];
             window_product(&window, &input, &kernel, None, &mut linear);
             let at = range.start * outputs + 5;

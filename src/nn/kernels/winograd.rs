@@ -1,10 +1,11 @@
-//! Masked, dilated convolutions of three taps in the own row and three in a row above, in half the multiplications where a row
-//! is a multiple of four dilations long.
+//! Masked, dilated convolutions of three taps in the own row and three in a row above. They take half the
+//! multiplications where a row is a multiple of four dilations long.
 //!
-//! Four outputs of a row see six inputs. Winograd's minimal filtering F(4, 3) finds them from six products of transformed
-//! inputs and transformed taps, where the sums themselves take twelve (Lavin & Gray 2016; points 0, 1, -1, 2, -2 and
-//! infinity). Rows are never mixed: no row depends, even by rounding, on those below. Within a row an output may depend by
-//! rounding on all six inputs of its tile, so layers that are masked within rows cannot be computed like this.
+//! Four outputs of a row depend on six inputs. Winograd's minimal filtering F(4, 3) computes them from six products
+//! of transformed inputs and transformed taps. The sums themselves take twelve (Lavin & Gray 2016; points 0, 1, -1,
+//! 2, -2 and infinity). Rows are never mixed: no row depends, even by rounding, on those below. Within a row an
+//! output may depend by rounding on all six inputs of its tile. Layers that are masked within rows therefore cannot
+//! use it.
 
 use super::bias::fill_bias;
 use super::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
@@ -15,7 +16,7 @@ use super::minimal_filter::{
 use super::taps::{Grid, Taps};
 use super::tiles::{TileMemory, part, part_mut, points_of, taps_of, tiles_of_row};
 
-/// Rows that are seen.
+/// Rows of taps.
 const ROWS: usize = 2;
 /// The point whose product is added once to every output of a tile.
 const EVERYWHERE: usize = 1;
@@ -27,9 +28,9 @@ const EVERYWHERE: usize = 1;
 pub struct Winograd {
     /// Distance between taps, px.
     pub dilation: usize,
-    /// Channels that it takes.
+    /// Input channels.
     pub inputs: usize,
-    /// Channels that it gives.
+    /// Output channels.
     pub outputs: usize,
 }
 
@@ -40,7 +41,7 @@ impl Winograd {
         Taps::new([(-d, -d), (-d, 0), (-d, d), (0, -d), (0, 0), (0, d)])
     }
 
-    /// The kernel (6 taps, inputs, outputs) as the passes want it: (6 points, 2 rows, inputs, outputs).
+    /// The kernel (6 taps, inputs, outputs), transformed for the passes: (6 points, 2 rows, inputs, outputs).
     pub fn transformed(&self, kernel: &[f32]) -> Vec<f32> {
         let mut points = vec![0.0; kernel.len() / TAPS * POINTS];
         let size = self.inputs * self.outputs;
@@ -83,8 +84,8 @@ impl Winograd {
         });
     }
 
-    /// Gradient by the input, written to `by_input` (pixels, inputs), and by the kernel, written or added where `into` says
-    /// so, from the gradient by the output (pixels, outputs); kernel [`Winograd::transformed`].
+    /// Writes the gradient by the input to `by_input` (pixels, inputs), from the gradient by the output (pixels,
+    /// outputs). Writes or adds that by the kernel as `into` states; kernel [`Winograd::transformed`].
     pub fn backward(
         &self,
         grid: Grid,
@@ -129,8 +130,8 @@ impl Winograd {
         });
     }
 
-    /// Lists the tiles in the order of rows, then samples, and makes room; returns how many tiles lie between one and that which sees it
-    /// from below, a constant number.
+    /// Lists the tiles in the order of rows, then samples, and allocates memory. Returns the number of tiles between
+    /// one and the tile below that uses it, a constant number.
     fn prepare(&self, grid: Grid, memory: &mut TileMemory) -> usize {
         let d = self.dilation;
         memory.tiles.clear();
@@ -184,7 +185,7 @@ mod tests {
             for row in expected.chunks_exact_mut(outputs) {
                 row.iter_mut().zip(&bias).for_each(|(value, bias)| *value += bias);
             }
-            // Memory of another layer and grid does no harm.
+            // Stale memory of another layer and grid has no effect.
             let stale = |count: usize| vec![f32::NAN; count];
             let (inputs_before, outputs_before) = (stale(7), stale(9999));
             let mut memory = TileMemory {
@@ -217,7 +218,7 @@ mod tests {
             for (found, expected) in by_input.iter().zip(&expected) {
                 assert!((found - expected).abs() < 2e-5 * (6 * outputs) as f32, "{layer:?} {found} {expected}");
             }
-            // Written over what was there, and the gradient by the input alone.
+            // Writes over existing values, and the gradient by the input alone.
             let mut written = vec![f32::NAN; kernel.len()];
             let (before, mut again) = (by_input.clone(), vec![f32::NAN; input.len()]);
             let into = Some((written.as_mut_slice(), Write::Replace));

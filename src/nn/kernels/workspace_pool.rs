@@ -1,9 +1,9 @@
-//! Memory that threads borrow from one another.
+//! Workspaces that threads share.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Workspaces of threads, reused between tasks. Results must not depend on which thread gets which: a borrower writes all
-/// of a workspace before reading it, so a panic elsewhere leaves nothing broken in it.
+/// Workspaces of threads, reused between tasks. Results must not depend on which thread gets which. A borrower writes
+/// all of a workspace before reading it, so a panic elsewhere leaves no invalid state in it.
 #[derive(Debug)]
 pub struct Pool<T>(Mutex<Vec<T>>);
 
@@ -14,7 +14,7 @@ impl<T> Default for Pool<T> {
 }
 
 impl<T> Pool<T> {
-    /// Lends a workspace for which `serves` holds, or one that `make` makes, to `work`.
+    /// Lends `work` a workspace for which `serves` holds, or a new one from `make`.
     pub fn with<R>(&self, serves: impl Fn(&T) -> bool, make: impl FnOnce() -> T, work: impl FnOnce(&mut T) -> R) -> R {
         let kept = {
             let mut free = self.free();

@@ -72,10 +72,10 @@ vectorised! {
 }
 
 vectorised! {
-    /// Gated linear unit (Dauphin et al. 2017): `out = a sigmoid(b)` where a and b are the first and second half of the
-    /// channels of `features` (pixels, 2 channels).
+    /// Gated linear unit (Dauphin et al. 2017): `out = a sigmoid(b)` where a and b are the first and second half of
+    /// the channels of `features` (pixels, 2 channels).
     ///
-    /// `sigmoids` and `out` are (pixels, channels); the former is kept for [`glu_backward`].
+    /// `sigmoids` and `out` are (pixels, channels); the former is an input of [`glu_backward`].
     pub fn glu<'a, fused FUSED>(features: &'a [f32], channels: usize, sigmoids: &'a mut [f32], out: &'a mut [f32]) {
         let rows = features.chunks_exact(2 * channels).zip(sigmoids.chunks_exact_mut(channels));
         for ((feature, sigmoid), out) in rows.zip(out.chunks_exact_mut(channels)) {

@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::nn::kernels::bias::{column_sums, fill_bias};
 use crate::nn::kernels::matmul::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
 
-/// Where the weights of a layer lie among all weights: a matrix of shape (inputs, outputs) and a bias of (outputs).
+/// Places of the weights of a layer among all weights: a matrix of shape (inputs, outputs) and a bias of (outputs).
 #[derive(Clone, Debug)]
 pub struct Layer {
     /// Place of the matrix, row-major.

@@ -2,7 +2,7 @@
 
 use crate::nn::kernels::arithmetic::vectorised;
 
-/// Keeps pixels whose channels are all 0 finite.
+/// Added to the mean square, so that pixels whose channels are all 0 stay finite.
 const EPSILON: f32 = 1e-4;
 
 vectorised! {
@@ -53,7 +53,7 @@ vectorised! {
     }
 }
 
-/// Numbers that are summed side by side.
+/// Numbers summed side by side.
 const LANES: usize = 8;
 
 #[inline(always)]

@@ -10,7 +10,7 @@ const SECOND_DECAY: f32 = 0.999;
 /// Keeps steps finite where all gradients were 0.
 const EPSILON: f32 = 1e-8;
 
-/// Adam (Kingma and Ba 2015) with decays 0.9 and 0.999 and epsilon 1e-8, for one stretch of weights.
+/// Adam (Kingma and Ba 2015) with decays 0.9 and 0.999 and epsilon 1e-8, for one range of weights.
 #[derive(Clone, Debug)]
 pub struct Adam {
     first: Vec<f32>,
@@ -19,7 +19,7 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// For `count` weights, before the first step.
+    /// State for `count` weights, before the first step.
     pub fn new(count: usize) -> Self {
         Self { first: vec![0.0; count], second: vec![0.0; count], steps: 0 }
     }
@@ -47,7 +47,7 @@ impl Adam {
     }
 }
 
-/// What a step makes of both means and of a weight, given its gradient.
+/// Updates both means and a weight from its gradient.
 struct Moved {
     scale: f32,
     first_bias: f32,

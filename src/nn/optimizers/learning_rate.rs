@@ -1,11 +1,11 @@
 //! Learning-rate schedule: linear warm-up and linear decay.
 
-/// Share of the schedule in which the rate rises, and the least share of the rate.
+/// Share of the schedule in which the rate rises, and the smallest factor of the rate.
 const WARM_UP: f64 = 0.03;
 const LEAST: f64 = 0.005;
 
-/// Factor of the rate when a share `done` (0 to 1) of the schedule is over: a linear rise, and a linear fall to nearly
-/// nothing (Defazio et al. 2023).
+/// Factor of the rate after a share `done` (0 to 1) of the schedule: a linear rise, then a linear fall to nearly zero
+/// (Defazio et al. 2023).
 pub fn learning_rate_factor(done: f64) -> f64 {
     warmup_factor(done).min(1.0 - done).max(LEAST)
 }

@@ -1,4 +1,4 @@
-//! Muon: momentum whose every singular value is made equal, for matrices in the middle of a network.
+//! Muon: momentum with all singular values made equal, for matrices in the middle of a network.
 
 use crate::nn::kernels::arithmetic::vectorised;
 use crate::nn::kernels::elementwise::{Elementwise, each, euclidean_norm};
@@ -6,18 +6,20 @@ use crate::nn::kernels::matmul::{Write, matmul_transposed_lhs, matmul_transposed
 
 /// Decay of the momentum.
 const DECAY: f32 = 0.9;
-/// Odd quintics (coefficients of x, x^3 and x^5) that take singular values from between 0.01 and 1 to within 0.27 of 1, one
-/// after the other: each strays least from 1 over what the one before it leaves of that interval (Amsel et al. 2025).
+/// Odd quintics (coefficients of x, x^3 and x^5), applied one after the other. They move singular values between 0.01
+/// and 1 to within 0.27 of 1. Each deviates least from 1 over the range that the one before it leaves of that
+/// interval (Amsel et al. 2025).
 const QUINTICS: [[f32; 3]; 3] = [[8.0934, -23.6206, 17.4463], [3.6366, -2.7219, 0.5365], [2.6613, -1.9772, 0.4526]];
-/// Share of a weight that is forgotten per step and unit of the rate.
+/// Weight decay per step and unit of the rate.
 const FORGOTTEN: f32 = 0.1;
 /// Root mean square of a step relative to the rate, about that of Adam.
 const MATCHED: f32 = 0.2;
 
 /// Muon (Jordan et al. 2024) with Nesterov momentum 0.9, for one matrix.
 ///
-/// A step has the size that one of Adam at the same rate has, root mean square 0.2 times the rate, and weights decay by 0.1
-/// times the rate: without that they grow from step to step, and the steps are ever less to them (Liu et al. 2025).
+/// A step has the size of an Adam step at the same rate, root mean square 0.2 times the rate. Weights decay by 0.1
+/// times the rate. Without decay they grow from step to step, and the steps become ever smaller relative to them (Liu
+/// et al. 2025).
 #[derive(Clone, Debug)]
 pub struct Muon {
     momentum: Vec<f32>,
@@ -26,7 +28,7 @@ pub struct Muon {
 }
 
 impl Muon {
-    /// For a matrix of shape (rows, cols), before the first step.
+    /// State for a matrix of shape (rows, cols), before the first step.
     pub fn new(rows: usize, cols: usize) -> Self {
         Self { momentum: vec![0.0; rows * cols], rows, cols }
     }
@@ -36,7 +38,7 @@ impl Muon {
         &self.momentum
     }
 
-    /// Goes back to this momentum.
+    /// Restores this momentum.
     pub fn restore(&mut self, momentum: &[f32]) {
         self.momentum.copy_from_slice(momentum);
     }
@@ -53,7 +55,7 @@ impl Muon {
 
 /// The matrix with all singular values near 1.
 fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
-    // Keeps what follows far from the largest and the smallest numbers.
+    // Scales the matrix, so that later numbers stay far from the largest and the smallest.
     multiply(1.0 / (euclidean_norm(&matrix) as f32 + 1e-7), &mut matrix);
     // The Gram matrix of the shorter side is the cheaper one; both give the same polynomial.
     let tall = rows > cols;
@@ -67,7 +69,8 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
             matmul_transposed_rhs(&matrix, &matrix, (side, cols, side), &mut gram, Write::Replace);
         }
         if iteration == 0 {
-            // No singular value is above the root of this norm, which is nearer to the largest than that of the matrix is.
+            // No singular value exceeds the root of this norm, which is closer to the largest one than the norm of
+            // the matrix.
             let norm = euclidean_norm(&gram).max(1e-12) as f32;
             multiply(1.0 / norm, &mut gram);
             multiply(1.0 / norm.sqrt(), &mut matrix);
@@ -87,7 +90,7 @@ fn equalised(mut matrix: Vec<f32>, rows: usize, cols: usize) -> Vec<f32> {
     matrix
 }
 
-/// Nesterov momentum: the direction that looks one step ahead.
+/// Nesterov momentum: the direction one step ahead.
 struct Nesterov {
     scale: f32,
 }

@@ -1,4 +1,4 @@
-//! Which weights move by which rule.
+//! Optimizer of all weights of a network, with one update rule per tensor.
 
 use rayon::prelude::*;
 
@@ -6,7 +6,7 @@ use super::adam::{Adam, moving_average};
 use super::muon::Muon;
 use crate::nn::parameters::{ParameterLayout, Tensor};
 
-/// How a tensor moves.
+/// Update rule of a tensor.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Rule {
     /// By [`Adam`].
@@ -25,12 +25,12 @@ enum State {
     Muon(Muon),
 }
 
-/// Which steps an average of the weights is over.
+/// Steps over which weights are averaged.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Averaging {
     /// None: the weights are those of the last step.
     Off,
-    /// About this share of all steps so far, those taken last.
+    /// About this share of all steps so far, the most recent ones.
     LastShare(f32),
     /// Average over about this many last steps. Before the first step the weights are the initial ones.
     Last(usize),
@@ -41,7 +41,7 @@ impl Averaging {
     pub const LAST_TENTH: Self = Self::LastShare(0.1);
 }
 
-/// Moves all weights of a network, and averages them where that is wanted.
+/// Updates all weights of a network, and averages them if configured.
 #[derive(Clone, Debug)]
 pub struct Optimizer {
     states: Vec<(usize, State)>,
@@ -110,8 +110,8 @@ impl Optimizer {
         self.steps += 1;
     }
 
-    /// Everything that the next step depends on besides the weights and the number of steps, in the order of the tensors;
-    /// the average of the weights comes last.
+    /// The optimizer state without the weights and the number of steps, in the order of the tensors; the average of
+    /// the weights comes last.
     pub fn state(&self) -> Vec<f32> {
         let mut state = Vec::new();
         for (_, own) in &self.states {
@@ -151,7 +151,7 @@ impl Optimizer {
         self.steps = steps;
     }
 
-    /// The averaged weights, or those given where there is no average.
+    /// The averaged weights, or the given ones without averaging.
     pub fn result<'a>(&'a self, weights: &'a [f32]) -> &'a [f32] {
         self.average.as_deref().unwrap_or(weights)
     }
@@ -169,7 +169,7 @@ mod tests {
         let result = |averaging: Averaging| {
             let mut weights = vec![0.0];
             let mut optimizer = Optimizer::new(&layout, &weights, averaging, |_| Rule::Adam);
-            // By a gradient that stays as it is, Adam goes one rate down in every step.
+            // With a constant gradient, Adam moves one rate down in every step.
             for _ in 0..200 {
                 optimizer.step(&mut weights, &[1.0], 1.0, 0.01);
             }
@@ -181,7 +181,7 @@ mod tests {
         let (tenth, last) = (result(Averaging::LAST_TENTH), result(Averaging::Last(30)));
         assert!((0.15..0.2).contains(&tenth), "{tenth}");
         assert!((0.28..0.3).contains(&last), "{last}");
-        // Of steps of equal length the average over their second half is that of where they went, a third of the way back.
+        // For steps of equal length, the average over the last half of the steps lies a third of the way back.
         let half = result(Averaging::LastShare(0.5));
         assert!((0.62..0.68).contains(&half), "{half}");
     }
