@@ -251,7 +251,7 @@ pub enum DesignFileError {
         path: String,
         /// The contents found.
         found: String,
-        /// What to do.
+        /// The advice to the user.
         advice: &'static str,
     },
 }

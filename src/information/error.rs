@@ -7,10 +7,10 @@ use crate::formats::FormatError;
 use crate::nn::NetworkError;
 use crate::plural::counted;
 
-/// Why an entropy, a model or an estimate could not be computed. Each message says what was found and what to do.
+/// Reason why an entropy, a model or an estimate could not be computed. Each message states the cause and the remedy.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum InformationError {
-    /// Without noise the information is not finite.
+    /// There is no noise, so the information is not finite.
     #[error("information is unbounded without noise; choose shot noise, read noise or both")]
     NoNoise,
     /// The read noise is zero, negative or not finite.
@@ -52,9 +52,9 @@ pub enum InformationError {
         counted(*pixels, "pixel")
     )]
     TooFewPatches {
-        /// The model that was to be fitted or scored.
+        /// The model to be fitted or scored.
         model: &'static str,
-        /// The smallest number that would do.
+        /// Smallest sufficient number.
         needed: usize,
         /// The number given.
         found: usize,
@@ -64,13 +64,13 @@ pub enum InformationError {
     /// More patches than memory should hold.
     #[error("{count} patches of {rows} x {cols} pixels do not fit into memory; use at most {most} or smaller patches")]
     TooManyPatches {
-        /// Patches asked for.
+        /// Requested number of patches.
         count: usize,
         /// Rows of a patch.
         rows: usize,
         /// Columns of a patch.
         cols: usize,
-        /// The largest number that does.
+        /// The largest allowed number.
         most: usize,
     },
     /// All training values are equal.
@@ -170,9 +170,9 @@ pub enum InformationError {
     /// Invalid settings of a decoder fit.
     #[error("a decoder fit needs {expected}, found {found}")]
     DecoderFit {
-        /// What is expected.
+        /// The expected settings.
         expected: &'static str,
-        /// What was asked for.
+        /// The settings found.
         found: String,
     },
     /// No test patches or no trials.
@@ -200,23 +200,23 @@ pub enum InformationError {
         counted(*components, "component")
     )]
     NetworkShape {
-        /// Channels asked for.
+        /// Requested number of channels.
         channels: usize,
-        /// Components asked for.
+        /// Requested number of components.
         components: usize,
-        /// Dilations asked for.
+        /// Requested dilations.
         dilations: Vec<usize>,
     },
     /// The loss of too many steps was not finite.
     #[error("the loss was not finite in {}; check the measurements for extreme values", counted(*refused, "step"))]
     Diverged {
-        /// Steps that were refused.
+        /// Number of skipped steps.
         refused: usize,
     },
     /// New patches could not be drawn.
     #[error("{reason}")]
     Stream {
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// An engine name is unknown.
@@ -228,7 +228,7 @@ pub enum InformationError {
          {feature}`"
     )]
     EngineNotBuilt {
-        /// The engine asked for.
+        /// The requested engine.
         engine: EngineChoice,
         /// The cargo feature that brings it.
         feature: &'static str,
@@ -236,9 +236,9 @@ pub enum InformationError {
     /// The engine has no device on this machine, or the device failed.
     #[error("the engine {engine} cannot be used: {reason}")]
     Engine {
-        /// The engine asked for.
+        /// The requested engine.
         engine: EngineChoice,
-        /// What was found and what to do.
+        /// The cause and the remedy.
         reason: String,
     },
     /// The checkpoint belongs to another fit.
@@ -255,13 +255,13 @@ pub enum InformationError {
     WeightsFile {
         /// The file.
         path: String,
-        /// What happened and what to do.
+        /// The cause and the remedy.
         reason: String,
     },
-    /// A file is not an estimate, or is one from the future.
+    /// A file is not an estimate, or has a newer format.
     #[error("cannot read the estimate: {reason}")]
     Format {
-        /// What was expected and found.
+        /// The expected and the found contents.
         reason: String,
     },
 }
@@ -269,7 +269,7 @@ pub enum InformationError {
 impl From<FormatError> for InformationError {
     fn from(error: FormatError) -> Self {
         let (path, text) = (error.path().display().to_string(), error.to_string());
-        // The text of the error begins with the file, which is named once.
+        // The text of the error begins with the file; this removes the second mention.
         let reason = text.strip_prefix(&format!("{path}: ")).unwrap_or(&text).to_owned();
         Self::WeightsFile { path, reason }
     }

@@ -31,7 +31,7 @@ pub(super) struct AisChain<'a> {
     pub effort: SweepSize,
     /// Number of temperatures.
     pub levels: usize,
-    /// Asked at every temperature; a chain that is stopped early returns NaN.
+    /// Whether to continue, called at every temperature; a chain that is stopped early returns NaN.
     pub go_on: &'a dyn Fn() -> bool,
 }
 

@@ -29,7 +29,8 @@ struct ObserverState<'a> {
 }
 
 impl<'a> AisObserver<'a> {
-    /// An observer of a bound that resumes with `samples` at `bits_per_pixel`, and ends at `most` samples or the budget.
+    /// An observer of a bound that resumes with `samples` at `bits_per_pixel`, and ends at `most` samples or the
+    /// budget.
     pub fn new(
         on_progress: OnAis<'a>,
         (samples, bits_per_pixel): (usize, f64),
@@ -46,7 +47,7 @@ impl<'a> AisObserver<'a> {
         }
     }
 
-    /// Whether the bound is still wanted. Cheap; reports every 50 ms.
+    /// Whether the bound should continue. Cheap; reports every 50 ms.
     pub fn is_running(&self) -> bool {
         // One report at a time.
         if let Ok(mut state) = self.state.try_lock()
@@ -57,7 +58,7 @@ impl<'a> AisObserver<'a> {
         !self.stopped.load(Ordering::Relaxed)
     }
 
-    /// Records and reports the bound (bits per pixel) after `samples`; returns whether it is still wanted.
+    /// Records and reports the bound (bits per pixel) after `samples`; returns whether to continue.
     pub fn note(&self, samples: usize, bits_per_pixel: f64) -> bool {
         if let Ok(mut state) = self.state.lock()
             && !self.stopped.load(Ordering::Relaxed)
@@ -80,7 +81,7 @@ impl<'a> AisObserver<'a> {
     }
 }
 
-/// Time left: of a budget, or by how long the samples had taken by when they were `noted`; none before the first.
+/// Time left: of a budget, or from the mean time per sample until `noted`; `None` before the first.
 fn remaining(progress: &AisProgress, budget: Option<Duration>, noted: Duration) -> Option<Duration> {
     let &AisProgress { samples, most, elapsed, .. } = progress;
     let all = match budget {

@@ -17,7 +17,7 @@ use crate::information::error::InformationError;
 pub struct PretrainedLowerBound {
     /// Bits per pixel of the patch.
     pub bits_per_pixel: f64,
-    /// 95 % interval over fresh samples.
+    /// 95 % interval over new samples.
     pub interval_95: [f64; 2],
     /// Number of samples.
     pub samples: usize,

@@ -19,9 +19,9 @@ const REACH: f64 = 9.0;
 
 /// Differential entropy of `Poisson(x) + sigma e`, tabulated for one `sigma`, as a function of `x`.
 ///
-/// Up to 96 photons the integral is tabulated over ln x. Beyond, the entropy is that of a Gaussian of variance `x +
-/// sigma^2` with corrections. They are the Edgeworth terms of skewness and excess (Comon 1994) and the comb of whole
-/// counts that remains visible through a small read noise. A remainder in powers of `1/x` is fitted to three
+/// Up to 96 photons the integral is tabulated over ln x. Beyond, the entropy is that of a Gaussian of variance
+/// `x + sigma^2` with corrections. They are the Edgeworth terms of skewness and excess (Comon 1994) and the comb of
+/// whole counts that remains visible through a small read noise. A remainder in powers of `1/x` is fitted to three
 /// integrals. The error is below 1e-6 bit (tests compare with a separate integration).
 #[derive(Clone, Debug)]
 pub(in crate::information) struct PoissonGaussianEntropy {

@@ -4,13 +4,13 @@
 //! sum over object pixels. The term of a pixel is the information of the patch about it when all others are known.
 //! This term is largest when the others hold no bead: their light adds nothing but noise.
 //!
-//! For one bead, take a Gaussian channel of unit variance whose two inputs lie `d^2 = sum over the patch of (added
-//! photons)^2 / bias` apart. For every p its information is at least that of the Poisson counts. Proof: let the
-//! counts have mean `bias + a q X`, add a Gaussian observation of squared separation `(1 - a^2) q^2 / bias`, and
-//! raise a from 0 to 1. Let `w` be the posterior probability of a bead. The counts gain information at the rate `E[q
-//! w ln((bias + a q) / (bias + a q w))] <= (a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú 2008). The Gaussian
-//! observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú 2005). The total therefore
-//! falls from the Gaussian channel's information to that of the counts.
+//! For one bead, take a Gaussian channel of unit variance whose two inputs lie
+//! `d^2 = sum over the patch of (added photons)^2 / bias` apart. For every p its information is at least that of the
+//! Poisson counts. Proof: let the counts have mean `bias + a q X`, add a Gaussian observation of squared separation
+//! `(1 - a^2) q^2 / bias`, and raise a from 0 to 1. Let `w` be the posterior probability of a bead. The counts gain
+//! information at the rate `E[q w ln((bias + a q) / (bias + a q w))] <= (a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and
+//! Verdú 2008). The Gaussian observation loses it at the rate `(a q^2 / bias) E[w (1 - w)]` (Guo, Shamai and Verdú
+//! 2005). The total therefore falls from the Gaussian channel's information to that of the counts.
 //!
 //! Shot noise needs no bound: [`BeadEntropyBound::evaluate_exact`] computes the information of the counts themselves
 //! (see the module of the Poisson channel). It takes some milliseconds; the Gaussian channel takes a fraction of one.

@@ -1,4 +1,4 @@
-//! The object-entropy bound: the information cannot exceed the entropy of the objects.
+//! Object-entropy bound: the information cannot exceed the entropy of the objects.
 
 pub(in crate::information) mod beads;
 pub(in crate::information) mod gaussian_channel;

@@ -1,8 +1,9 @@
 //! Information of a binary input through photon counts.
 //!
-//! A bead adds `q_j` photons to the mean `b` of pixel j. Its log-likelihood ratio is `L = sum_j [y_j ln(1 + q_j / b) -
-//! q_j]`. The posterior log-odds are `w = ln(p / (1 - p)) + L`. The information is `H2(p)` less the expected
-//! posterior entropy. With the measure of the dark counts (`E0`) tilted half-way to the lit ones, that entropy is
+//! A bead adds `q_j` photons to the mean `b` of pixel j. Its log-likelihood ratio is
+//! `L = sum_j [y_j ln(1 + q_j / b) - q_j]`. The posterior log-odds are `w = ln(p / (1 - p)) + L`. The information is
+//! `H2(p)` less the expected posterior entropy. With the measure of the dark counts (`E0`) tilted half-way to the lit
+//! ones, that entropy is
 //!
 //! `sqrt(p (1 - p)) E0[exp(L / 2) G(w)]` nats, `G(w) = exp(-w / 2) ln(1 + e^w) + exp(w / 2) ln(1 + e^-w)`.
 //!
@@ -36,7 +37,7 @@ const STEP: f64 = TAU / PERIOD;
 const NODES: usize = 32;
 /// A posterior entropy below this share of the prior entropy counts as none.
 const CERTAIN: f64 = 1e-7;
-/// Places of one parallel task.
+/// Smallest number of places per parallel task.
 const PLACES_PER_TASK: usize = 256;
 
 /// Weight of the integral at t.

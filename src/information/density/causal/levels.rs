@@ -16,7 +16,7 @@ const COUNTS: (usize, usize) = (64, 512);
 const SPACING: f64 = 0.8;
 /// Distance, in standard deviations of the noise, from which levels are widened so that no gap opens between them.
 const WIDEN_FROM: f64 = 1.2;
-/// Brightest level relative to the brightest pixel in the sample.
+/// Factor by which the levels extend the range of a sample, beyond its brightest pixel.
 const HEADROOM: f64 = 1.15;
 /// Distance, in standard deviations of the noise, by which measurements may lie below the grid: the darkest pixels of
 /// two samples differ.

@@ -1,5 +1,5 @@
-//! The causal density model: each pixel is a mixture of the noise around a grid of intensities, with weights from the pixels
-//! before it. A tighter upper bound than PixelCNN in less time.
+//! Causal density model: each pixel is a mixture of the noise around a grid of intensities, with weights from the
+//! pixels before it. It gives a tighter upper bound than PixelCNN in less time.
 
 pub(in crate::information) mod checkpoint;
 pub(in crate::information) mod conditioning;

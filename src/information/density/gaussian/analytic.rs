@@ -111,7 +111,7 @@ impl AnalyticGaussian {
         let variance = noise_variance(noise, mean_measurement)? + variance_of_rounding(noise, mean_measurement);
         let mut workspace = self.fourier.workspace();
         let spectrum = self.signal_spectrum(psf, &mut workspace)?;
-        // Truncated lags can make a spectrum slightly negative; it is then set to that of the noise.
+        // Truncated lags can make a spectrum slightly negative; negative powers count as 0.
         let mean_log2 =
             spectrum.iter().map(|power| (power.max(0.0) + variance).log2()).sum::<f64>() / spectrum.len() as f64;
         let mut autocovariance = self.lags(&spectrum, &mut workspace);

@@ -17,8 +17,8 @@ use crate::information::error::InformationError;
 /// field with the given autocovariance.
 ///
 /// `autocovariance` has shape (2L+1, 2L+1), entry `[L + dr, L + dc]` at a lag of `dr` rows and `dc` columns, in
-/// photons squared. Lags up to one less than the patch are used. Only the half with `dr >= 0` is read, and for `dr =
-/// 0` only `dc >= 0`.
+/// photons squared. Lags up to one less than the patch are used. Only the half with `dr >= 0` is read, and for
+/// `dr = 0` only `dc >= 0`.
 ///
 /// # Errors
 /// When the patch is empty, the lags do not suffice, or the covariance is not positive definite.

@@ -18,13 +18,13 @@ pub struct FrozenPixelCnn<'a> {
     pub network: &'a PixelCnn,
     /// Their noise.
     pub noise: Noise,
-    /// Whether to continue, asked during the computation; a gradient of thousands of patches takes long.
+    /// Whether to continue, called during the computation; a gradient of thousands of patches takes long.
     pub go_on: &'a dyn Fn() -> bool,
 }
 
 impl FrozenDensity for FrozenPixelCnn<'_> {
-    /// Both terms as published: `-E log2 q(y)` at measurements with reparameterised noise, and `1/2 log2(2 pi e
-    /// s(x)^2)` for the noise (Kabuli et al. 2026).
+    /// Both terms as published: `-E log2 q(y)` at measurements with reparameterised noise, and
+    /// `1/2 log2(2 pi e s(x)^2)` for the noise (Kabuli et al. 2026).
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
