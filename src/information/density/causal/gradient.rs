@@ -58,9 +58,8 @@ impl FrozenDensity for CausalModel {
 }
 
 impl CausalModel {
-    ///
-    /// -ln q of every pixel of one patch, and the gradients of their sum; Poisson likelihoods without the part that
-    /// depends on y alone.
+    /// Losses `-ln q` of every pixel of one patch, and the gradients of their sum; Poisson likelihoods without the
+    /// part that depends on y alone.
     fn loss_by_patch(&self, workspace: &mut Workspace, inputs: PatchInputs<'_>) -> PatchLoss {
         let pixels = inputs.values.len();
         let count = self.conditioning.levels.count();
