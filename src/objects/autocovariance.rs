@@ -6,12 +6,13 @@ use ndarray::Array2;
 use rayon::prelude::*;
 use rustfft::{Fft, FftPlanner, num_complex::Complex64};
 
-/// Most parts that sums are formed over; they do not depend on the number of threads, so neither do the sums.
+/// Largest number of parts that sums are formed over. It does not depend on the number of threads, so neither do the
+/// sums.
 const MOST_PARTS: usize = 16;
-/// All parts together hold about this many values of a spectrum.
+/// Approximate number of spectrum values that all parts together hold.
 const MOST_PART_VALUES: usize = 1 << 25;
 
-/// Two-dimensional transform of a fixed grid, unnormalised; the forward one leaves its result transposed.
+/// Two-dimensional transform of a fixed grid, unnormalised. The forward transform leaves its result transposed.
 struct Fft2 {
     rows: usize,
     cols: usize,
@@ -53,8 +54,8 @@ fn transposed(grid: &[Complex64], rows: usize, cols: usize) -> Vec<Complex64> {
 
 /// Linear (zero-padded) autocorrelation summed over `count` images of one shape.
 ///
-/// `fill(index, store)` passes every non-zero pixel of image `index` as `store(row, col, value)`. The result has
-/// shape `(2 L + 1, 2 L + 1)`, lag (0, 0) in the middle; lags beyond the image are 0.
+/// `fill(index, store)` passes every non-zero pixel of image `index` as `store(row, col, value)`. The result has shape
+/// `(2 L + 1, 2 L + 1)`, with lag (0, 0) in the middle. Lags beyond the image are 0.
 pub(super) fn summed_autocorrelation(
     count: usize,
     (rows, cols): (usize, usize),
@@ -100,7 +101,7 @@ pub(super) fn summed_autocorrelation(
     })
 }
 
-/// The next length of only factors 2, 3 and 5.
+/// Next length whose only prime factors are 2, 3 and 5.
 fn fast_length(length: usize) -> usize {
     let mut candidate = length.max(1);
     loop {
@@ -117,8 +118,8 @@ fn fast_length(length: usize) -> usize {
     }
 }
 
-/// Makes an estimated autocovariance of shape `(2 L + 1, 2 L + 1)` that of a stationary process: repeated with its own
-/// period, its spectrum loses its negative part, and is scaled so that the variance stays.
+/// Estimated autocovariance of shape `(2 L + 1, 2 L + 1)`, made valid for a stationary process. With its own period, the
+/// spectrum is clipped at 0 and scaled so that the variance stays.
 pub(super) fn positive_semidefinite(covariance: &Array2<f64>) -> Array2<f64> {
     let (rows, cols) = covariance.dim();
     let variance = covariance[[rows / 2, cols / 2]];
@@ -140,7 +141,7 @@ pub(super) fn positive_semidefinite(covariance: &Array2<f64>) -> Array2<f64> {
     })
 }
 
-/// Spectrum, transposed, of an array whose middle is lag (0, 0) and which repeats with its own shape.
+/// Spectrum, transposed, of a periodic array whose middle is lag (0, 0). The period is the shape of the array.
 fn spectrum(covariance: &Array2<f64>, fft: &Fft2) -> Vec<Complex64> {
     let (rows, cols) = covariance.dim();
     let mut grid: Vec<Complex64> = (0..rows * cols)

@@ -15,7 +15,7 @@ const SPOT_PX: usize = 2 * RADIUS_PX + 2;
 /// Photons per unit of the published bead (which sums to 2) when the maximum is normalised.
 const PHOTONS_PER_UNIT: f64 = 1000.0;
 
-/// How beads are drawn, for methods that use the known prior.
+/// Prior of the beads, for methods that need a known prior.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeadPrior {
     /// Probability that a pixel of a plane holds a bead: the number of beads divided by the pixels.
@@ -37,7 +37,7 @@ pub(super) enum BeadScale {
     PerBead,
 }
 
-/// A set of bead objects. The number of beads per plane is fixed, their pixels are distinct and uniform.
+/// A set of bead objects. The number of beads per plane is fixed. Their pixels are distinct and uniform.
 #[derive(Clone, Debug)]
 pub(super) struct Beads {
     prior: BeadPrior,
@@ -62,7 +62,7 @@ impl Beads {
             return Err(ObjectError::Option { name: "density", expected, found: density.to_string() });
         }
         let unit = published_spot();
-        // Photons beyond the border are lost; a uniform bead keeps the part of its spot given by the overlap.
+        // Photons beyond the border are lost. Beads are uniform, so each loses the average share of its spot.
         let kept: f64 = unit
             .indexed_iter()
             .map(|((row, col), value)| {
@@ -97,7 +97,7 @@ impl Beads {
         self.per_plane
     }
 
-    /// Expected photons per pixel, the loss at the border included.
+    /// Expected photons per pixel, including the loss at the border.
     pub(super) fn mean(&self) -> f64 {
         self.mean
     }
@@ -116,8 +116,8 @@ impl Beads {
         }
     }
 
-    /// Autocovariance of beads placed independently, photons squared: `p (1 - p)` times the autocorrelation of the
-    /// spot (Campbell's theorem for a Bernoulli lattice).
+    /// Autocovariance of independent beads, photons squared: `p (1 - p)` times the autocorrelation of the spot
+    /// (Campbell's theorem for a Bernoulli lattice).
     pub(super) fn autocovariance(&self, max_lag: usize) -> Array2<f64> {
         let spot = &self.prior.spot;
         let variance = self.prior.probability * (1.0 - self.prior.probability);
@@ -142,7 +142,8 @@ impl Beads {
     }
 }
 
-/// The published bead: two sampled Gaussians of unit sum, at its pixel and the next one down and right; sum 2.
+/// The published bead: two sampled Gaussians of unit sum, at its pixel and at the next pixel down and right. The sum is
+/// 2.
 fn published_spot() -> Array2<f64> {
     let weights: Vec<f64> =
         (0..=2 * RADIUS_PX).map(|index| (-0.5 * (index.abs_diff(RADIUS_PX) as f64 / SIGMA_PX).powi(2)).exp()).collect();

@@ -1,11 +1,11 @@
-//! Pixels that can be photons: finite and, up to a camera's dark-frame residue, not negative.
+//! Checks that pixels can be photons: finite and not negative, except for a camera's dark-frame residue.
 
 use std::path::Path;
 
 use crate::formats::{FormatError, PixelStack, Samples};
 use crate::plural::{counted, one_or_many};
 
-/// Negative pixels down to this share of the largest one are the residue of a subtracted dark frame.
+/// Largest negative residue of a subtracted dark frame, as a share of the largest pixel.
 const LARGEST_NEGATIVE_SHARE: f32 = 0.05;
 
 /// Checks every pixel and sets slightly negative ones to 0.

@@ -4,7 +4,7 @@ use crate::formats::FormatError;
 
 use super::Split;
 
-/// Objects that could not be opened or drawn.
+/// Error of opening or drawing objects.
 #[derive(Debug, thiserror::Error)]
 pub enum ObjectError {
     /// The text does not name objects.
@@ -12,7 +12,7 @@ pub enum ObjectError {
     Source {
         /// The text.
         text: String,
-        /// What it should have been, with the choices.
+        /// The expected text, with the choices.
         expected: String,
         /// What is wrong with it.
         found: String,
@@ -35,26 +35,26 @@ pub enum ObjectError {
         "{split} objects of {source_name}: expected at least one image, found none among {images}; add images or use all of them"
     )]
     EmptySplit {
-        /// The part that was asked for.
+        /// The requested part.
         split: Split,
         /// The source as text.
         source_name: String,
         /// Number of base images in the whole set.
         images: usize,
     },
-    /// More objects were asked for than memory holds.
+    /// The requested objects exceed the memory.
     #[error("expected objects that fit into memory, found {count} of {planes} x {rows} x {cols} px; use fewer")]
     TooMany {
         /// Number of objects.
         count: usize,
-        /// Planes of each.
+        /// Planes of each object.
         planes: usize,
         /// Rows, px.
         rows: usize,
         /// Columns, px.
         cols: usize,
     },
-    /// The observer of the progress asked to stop.
+    /// The observer of the progress cancelled.
     #[error("loading the objects was cancelled")]
     Cancelled,
 }

@@ -13,24 +13,24 @@ use super::ObjectError;
 use super::clean::clean;
 use super::set::{FileReport, Observer, Progress};
 
-/// Files read at a time.
+/// Number of files read at a time.
 const BATCH_FILES: usize = 8;
-/// Most pixels of images that are scaled to the field, for they are in memory together: 4 GiB.
+/// Largest number of pixels of images scaled to the field. All are in memory at the same time: 4 GiB.
 const MOST_FITTED_PIXELS: usize = 1 << 30;
-/// Most files a notice names.
+/// Largest number of files that a notice names.
 const NAMED_FILES: usize = 5;
 
 /// Images of a path, scaled for objects.
 pub(super) enum Loaded {
-    /// All are at most half the field: tiles.
+    /// Tiles: all images are at most half the field.
     Tiles(Vec<PixelStack>),
-    /// Scaled and cropped to the field.
+    /// Whole images, scaled and cropped to the field.
     Whole(PixelStack),
 }
 
 /// Images of one file.
 enum Item {
-    /// At most half the field on both sides, as in the file.
+    /// At most half the field on both sides, unchanged.
     Small(PixelStack),
     /// Scaled and cropped to the field.
     Fitted(PixelStack),
@@ -44,9 +44,9 @@ impl Item {
     }
 }
 
-/// Reads the images of a folder, in the order of their names, or of one file.
+/// Reads the images of one file, or of a folder in the order of their names.
 ///
-/// Files of a folder that cannot be read are left out and listed in `notices`.
+/// Unreadable files of a folder are left out and listed in `notices`.
 pub(super) fn load(
     path: &Path,
     field: (usize, usize),
@@ -73,7 +73,7 @@ pub(super) fn load(
                     cleaned.extend(clean(&file.path, &mut stack)?);
                     pages = pages.saturating_add(stack.pages);
                     has_fitted |= !is_small(&stack, field);
-                    // One that is fitted has all of them fitted.
+                    // If one image is scaled to the field, all are.
                     if has_fitted && pages.saturating_mul(field.0 * field.1) > MOST_FITTED_PIXELS {
                         return Err(ObjectError::TooMany { count: pages, planes: 1, rows: field.0, cols: field.1 });
                     }
@@ -154,7 +154,8 @@ fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// What is done to images that are larger than half the field, or small ones among such; none where they fit as they are.
+/// Description of how images are changed to fit the field; `None` where they fit unchanged. Images larger than half the
+/// field are changed, and small ones among them.
 fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
     let (crop_rows, crop_cols) = crop(stack, (rows, cols));
     let cropped = (crop_rows, crop_cols) != (stack.rows, stack.cols);
@@ -168,7 +169,7 @@ fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
     }
 }
 
-/// The same of all files, in one sentence.
+/// Description of the changes of all files, in one sentence.
 fn changes(changed: &[String], has_fitted: bool, (rows, cols): (usize, usize)) -> Option<String> {
     let (first, others) = changed.split_first().filter(|_| has_fitted)?;
     if others.iter().all(|other| other == first) {
@@ -204,15 +205,15 @@ fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
     Loaded::Whole(whole)
 }
 
-/// Rows and columns of the middle that has the aspect of the field.
+/// Rows and columns of the central part with the aspect ratio of the field.
 fn crop(stack: &PixelStack, (rows, cols): (usize, usize)) -> (usize, usize) {
     let scale = (rows as f64 / stack.rows as f64).max(cols as f64 / stack.cols as f64);
     let part = |length: usize, of: usize| ((length as f64 / scale).round() as usize).clamp(1, of);
     (part(rows, stack.rows), part(cols, stack.cols))
 }
 
-/// Crops the middle of each image to the aspect of the field and scales it there with a triangle filter, which
-/// averages over the area when it shrinks.
+/// Crops the middle of each image to the aspect ratio of the field and scales it to the field. The triangle filter
+/// averages over areas when it shrinks.
 fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
     if (stack.rows, stack.cols) == (rows, cols) {
         return stack;
@@ -225,7 +226,7 @@ fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
         let value =
             |row: u32, col: u32| stack.samples.value(start + (top + row as usize) * stack.cols + left + col as usize);
         let (rows_u32, cols_u32) = (crop_rows as u32, crop_cols as u32);
-        // The resizer clips floats to 0..1, so they are brought there and back.
+        // The resizer clips floats to 0..1, so the values are scaled to that range and back.
         let largest = (0..rows_u32).flat_map(|row| (0..cols_u32).map(move |col| (row, col)));
         let largest = largest.map(|(row, col)| value(row, col)).fold(0.0, f32::max);
         if largest == 0.0 {
@@ -256,7 +257,7 @@ mod tests {
     fn scaling_keeps_levels_orientation_and_the_middle() {
         let flat = fit(picture(270, 480, |_, _| 300.0), (96, 96)).picture(0);
         assert!(flat.dim() == (96, 96) && flat.iter().all(|value| (value - 300.0).abs() < 1e-3));
-        // A ramp along the columns stays one: 270 px scale to 96, the middle column stays in the middle.
+        // A ramp along the columns stays a ramp: 270 px scale to 96, and the middle column stays in the middle.
         let ramp = fit(picture(270, 480, |_, col| col as f32), (96, 96)).picture(0);
         let slope = (ramp[[50, 80]] - ramp[[50, 16]]) / 64.0;
         assert!((slope - 270.0 / 96.0).abs() < 0.01, "{slope}");

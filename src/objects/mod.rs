@@ -1,7 +1,7 @@
-//! Object sets: random beads, mosaics of small images, whole images; in photons per pixel.
+//! Object sets in photons per pixel: random beads, mosaics of small images, whole images.
 //!
-//! An [`ObjectSource`] names the objects, [`ObjectSet::open`] loads what must be loaded, and
-//! [`ObjectSet::objects`] draws as many as are wanted, the same ones for the same seed on any number of threads.
+//! An [`ObjectSource`] names the objects and [`ObjectSet::open`] loads its files. [`ObjectSet::objects`] draws any number
+//! of objects; the same seed gives the same objects on any number of threads.
 
 mod autocovariance;
 mod beads;

@@ -1,4 +1,4 @@
-//! Mosaics of small images, as the paper makes 96 x 96 px objects of MNIST or CIFAR-10 images.
+//! Mosaics of small images. The paper makes objects of 96 x 96 px from MNIST or CIFAR-10 images in this way.
 
 use ndarray::{Array2, ArrayViewMut2};
 use rand::{Rng, RngExt};
@@ -8,10 +8,10 @@ use crate::formats::{PixelStack, Samples};
 
 use super::autocovariance::summed_autocorrelation;
 
-/// Images up to this side are centred in tiles of this side, as 28 x 28 px images are to match those of CIFAR-10.
+/// Common tile side, px. Smaller images are centred in it, so that 28 x 28 px images match those of CIFAR-10.
 const COMMON_TILE_PX: usize = 32;
 
-/// Where an image lies in the samples.
+/// Place of an image in the samples.
 #[derive(Clone, Copy, Debug)]
 struct Place {
     start: usize,
@@ -29,8 +29,8 @@ pub(super) struct Mosaic {
 }
 
 impl Mosaic {
-    /// Tiles of 32 px, or of the largest side of any image above that, with a mean of `mean` photons per pixel over
-    /// all tiles; `None` if every pixel is 0. The pixels have been checked to be finite and not negative.
+    /// Mosaic with a mean of `mean` photons per pixel over all tiles; `None` if every pixel is 0. Tiles have 32 px, or
+    /// the largest side of any larger image. The pixels have been checked to be finite and not negative.
     pub(super) fn new(stacks: Vec<PixelStack>, mean: f64) -> Option<Self> {
         let (mut samples, mut places, mut tile) = (Samples::U8(Vec::new()), Vec::new(), COMMON_TILE_PX);
         for stack in stacks {
@@ -57,8 +57,8 @@ impl Mosaic {
         self.tile
     }
 
-    /// Draws tiles from `members` for an object of shape (rows, cols): images and the first row and column of their tiles. A
-    /// grid that is larger than the object is cropped at random.
+    /// Draws tiles from `members` for an object of shape (rows, cols). Returns each image with the first row and column
+    /// of its tile. A grid larger than the object is cropped at random.
     pub(super) fn tiles(
         &self,
         generator: &mut impl Rng,
@@ -104,11 +104,11 @@ impl Mosaic {
         }
     }
 
-    /// Autocovariance of an endless mosaic of independent tiles of `members`, whose grid lies at a uniformly random place,
-    /// photons squared.
+    /// Autocovariance of an endless mosaic of independent tiles of `members`, photons squared. The grid lies at a
+    /// uniformly random place.
     ///
-    /// Two pixels a lag apart share a tile in the linear autocorrelation of one image, and lie in different ones
-    /// otherwise, where the periodic mean tile correlates:
+    /// Two pixels a lag apart either share a tile or lie in different tiles. A shared tile contributes the linear
+    /// autocorrelation of one image. Different tiles contribute the periodic autocorrelation of the mean tile:
     /// `[E lin(image) + circ(mean tile) - lin(mean tile)] / tile^2 - mean^2`.
     pub(super) fn autocovariance(&self, members: &[u32], max_lag: usize) -> Array2<f64> {
         let tile = self.tile;
@@ -168,7 +168,7 @@ impl Mosaic {
     }
 }
 
-/// Sum of all values; the parts are fixed so that it does not depend on the number of threads.
+/// Sum of all values. The parts are fixed, so the sum does not depend on the number of threads.
 pub(super) fn total(samples: &Samples) -> f64 {
     const BLOCK_VALUES: usize = 1 << 18;
     let starts: Vec<usize> = (0..samples.len()).step_by(BLOCK_VALUES).collect();
@@ -218,8 +218,8 @@ mod tests {
 
     #[test]
     fn autocovariance_is_that_of_an_endless_mosaic() {
-        // Independent check: all pairs of pixels of a large mosaic of equally probable tiles, by enumeration of
-        // the expectation: tiles of two pixels are equal (same cell) or independent.
+        // Independent check: all pairs of pixels of a large mosaic of equally probable tiles. The expectation is
+        // enumerated: two tiles are equal (same cell) or independent.
         let mosaic = Mosaic::new(vec![images(4, 33, 30)], 20.0).unwrap();
         let (tile, max_lag) = (33_isize, 40_isize);
         let tiles: Vec<Array2<f64>> = (0..4)

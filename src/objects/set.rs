@@ -23,7 +23,7 @@ use super::{BeadPrior, ObjectError, ObjectSource, Split};
 const LONGEST_TILE_PX: usize = 1024;
 /// Longest side of an object, px.
 const LONGEST_FIELD_PX: usize = 16_384;
-/// Largest number of pixels of an object; transforms take about forty bytes per pixel.
+/// Largest number of pixels of an object. Transforms take about forty bytes per pixel.
 const MOST_FIELD_PIXELS: usize = 1 << 26;
 
 /// How objects are made from their source.
@@ -32,7 +32,7 @@ const MOST_FIELD_PIXELS: usize = 1 << 26;
 pub struct ObjectOptions {
     /// Rows and columns of each object, px; `stack:` objects keep their own.
     pub field: (usize, usize),
-    /// Mean over the set, photons per pixel; `beads-max:` has 2000 photons per bead instead.
+    /// Mean over the set, photons per pixel. `beads-max:` has 2000 photons per bead instead.
     pub mean_photons: f64,
 }
 
@@ -43,8 +43,8 @@ impl Default for ObjectOptions {
     }
 }
 
-/// Training images of which a part is spared to validate fits to the others: of fewer too little would be left, and sets of 8,000 were
-/// not seen to be learnt by heart.
+/// Numbers of training images of which a part validates fits to the others. Fewer images would leave too little. Sets of
+/// 8,000 images showed no overfitting.
 const FEW: RangeInclusive<usize> = 5..=4000;
 
 /// Largest number of objects drawn and measured at a time, and largest number of bytes.
@@ -58,7 +58,7 @@ pub struct Progress {
     pub done: usize,
     /// Files to read.
     pub total: usize,
-    /// What was understood of the files, once they were read.
+    /// How the files were interpreted, once they are read.
     pub understood: Option<String>,
 }
 
@@ -68,10 +68,10 @@ impl Progress {
     }
 }
 
-/// What the user should know of files.
+/// Messages about files for the user.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FileReport {
-    /// What was understood of them.
+    /// How the files were interpreted.
     pub(super) understood: Option<String>,
     /// What was left out or changed.
     pub(super) notices: Vec<String>,
@@ -100,7 +100,7 @@ enum Content {
     Whole(WholePictures, Parts),
 }
 
-/// A base image within an object; its tile may reach beyond.
+/// A base image within an object. Its tile may reach beyond the object.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlacedPicture {
     /// Number of the base image in the set.
@@ -111,7 +111,7 @@ pub struct PlacedPicture {
     pub cols: Range<isize>,
 }
 
-/// A set of objects. It is large and never changes: share it in an `Arc`.
+/// A set of objects. It is large and never changes, so it is shared in an `Arc`.
 #[derive(Clone, Debug)]
 pub struct ObjectSet {
     source: ObjectSource,
@@ -123,7 +123,7 @@ pub struct ObjectSet {
 }
 
 impl ObjectSet {
-    /// Loads what the source needs.
+    /// Opens a set and loads the files of its source.
     ///
     /// # Errors
     /// [`ObjectError`] if an option is out of range, a file cannot be read, or its pixels cannot be photons: NaN,
@@ -132,7 +132,7 @@ impl ObjectSet {
         Self::open_with(source, options, &|_| ControlFlow::Continue(()))
     }
 
-    /// [`ObjectSet::open`], telling `progress` now and then; [`ControlFlow::Break`] stops.
+    /// [`ObjectSet::open`] with calls of `progress`. [`ControlFlow::Break`] cancels.
     ///
     /// # Errors
     /// As [`ObjectSet::open`], and [`ObjectError::Cancelled`].
@@ -170,9 +170,9 @@ impl ObjectSet {
         Ok(Self { source: source.clone(), content, field, mean, report, fingerprint })
     }
 
-    /// The training part as a set of its own, with the same light, of which a tenth of the base images is for testing: for what
-    /// is judged by the test part of the whole in the end and must not have seen it. Beads are as before. The fingerprint stays
-    /// that of the whole.
+    /// The training part as a set of its own, with the same mean; a tenth of its base images is for testing. It is for
+    /// methods whose final test uses the test part of the whole set. Beads stay as they are. The fingerprint stays that
+    /// of the whole set.
     #[must_use]
     pub fn of_training(mut self) -> Self {
         if let Content::Mosaic(_, parts) | Content::Whole(_, parts) = &mut self.content {
@@ -181,8 +181,8 @@ impl ObjectSet {
         self
     }
 
-    /// The part to fit models on and, where training images are so few that a long fit would learn them by heart, the part that
-    /// validates it.
+    /// The part to fit models on, and the part that validates the fit. There is a validation part where the training
+    /// images are few enough for a long fit to overfit.
     pub fn fitting_parts(&self) -> (Split, Option<Split>) {
         match &self.content {
             Content::Mosaic(_, parts) | Content::Whole(_, parts)
@@ -194,13 +194,13 @@ impl ObjectSet {
         }
     }
 
-    /// Objects to draw and measure at a time.
+    /// Number of objects to draw and measure at a time.
     pub fn batch(&self) -> usize {
         let bytes = size_of::<f32>() * self.planes() * self.field.0 * self.field.1;
         (BATCH_BYTES / bytes.max(1)).clamp(1, BATCH)
     }
 
-    /// What the set was opened from.
+    /// Source of the set.
     pub fn source(&self) -> &ObjectSource {
         &self.source
     }
@@ -218,7 +218,7 @@ impl ObjectSet {
         self.field
     }
 
-    /// Number of images that objects are made of; `None` for beads, of which there is no end.
+    /// Number of base images; `None` for beads, which are unlimited.
     pub fn base_images(&self) -> Option<usize> {
         match &self.content {
             Content::Beads(_) => None,
@@ -227,7 +227,7 @@ impl ObjectSet {
         }
     }
 
-    /// Number of whole images in one part; `None` where objects are drawn, of which there is no end.
+    /// Number of whole images in one part; `None` where objects are drawn without limit.
     pub fn whole_pictures(&self, split: Split) -> Option<usize> {
         match &self.content {
             Content::Whole(_, parts) => Some(parts.members(split).len()),
@@ -235,9 +235,9 @@ impl ObjectSet {
         }
     }
 
-    /// Whether mean and covariance are the same everywhere in patches of shape (rows, cols) at random places, as those of
-    /// beads are. Those of mosaics are where patches see every part of a tile as often: whole tiles. Whole images may be
-    /// brighter in the middle.
+    /// Whether mean and covariance are the same everywhere in randomly placed patches of shape (rows, cols). Those of
+    /// beads are. Those of mosaics are where the patch covers whole tiles, so that it sees every part of a tile equally
+    /// often. Whole images may be brighter in the middle.
     pub fn is_stationary(&self, patch: (usize, usize)) -> bool {
         match &self.content {
             Content::Beads(_) => true,
@@ -248,23 +248,23 @@ impl ObjectSet {
         }
     }
 
-    /// What the user should know about the files: those left out, pixels changed.
+    /// Messages for the user about files left out and pixels changed.
     pub fn notices(&self) -> &[String] {
         &self.report.notices
     }
 
-    /// What was understood of the files: how many images of which shape, number type and range. None of beads.
+    /// How the files were interpreted: number of images, shape, number type and range. `None` for beads.
     pub fn understood(&self) -> Option<&str> {
         self.report.understood.as_deref()
     }
 
-    /// BLAKE3 sum, in hexadecimal, of the pixels and everything else that decides what objects are drawn, for run
-    /// records. Sets of equal fingerprint draw equal objects, wherever their files lie.
+    /// BLAKE3 hash, in hexadecimal, of the pixels and all settings that determine the drawn objects, for run records.
+    /// Sets of equal fingerprint draw equal objects, wherever their files lie.
     pub fn fingerprint(&self) -> String {
         self.fingerprint.clone()
     }
 
-    /// One line for people.
+    /// Description in one line.
     pub fn describe(&self) -> String {
         let (rows, cols) = self.field;
         let end = format!("{rows} x {cols} px, mean {:.4} photons/px", self.mean);
@@ -290,9 +290,9 @@ impl ObjectSet {
 
     /// Draws `count` objects, shape (count, planes, rows, cols), photons per pixel.
     ///
-    /// Object `i` of a part and seed is the same whatever `count` and the number of threads. Beads are drawn for
-    /// each object; mosaics draw their tiles with replacement; whole images come in an order that depends on the
-    /// seed and repeat when all have been used.
+    /// Object `i` of a part and seed does not depend on `count` or the number of threads. Beads are drawn for each
+    /// object. Mosaics draw their tiles with replacement. Whole images come in an order that depends on the seed, and
+    /// repeat after all have been used.
     ///
     /// # Errors
     /// [`ObjectError::EmptySplit`] if no base image is in that part, [`ObjectError::TooMany`] if memory does not
@@ -301,8 +301,8 @@ impl ObjectSet {
         self.objects_from(split, 0, count, seed)
     }
 
-    /// Objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, for sets that are drawn part
-    /// by part.
+    /// Objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws. Large sets can so be drawn in
+    /// parts.
     ///
     /// # Errors
     /// As [`ObjectSet::objects`].
@@ -343,8 +343,8 @@ impl ObjectSet {
         Array4::from_shape_vec((count, planes, rows, cols), photons).map_err(|_| too_many())
     }
 
-    /// The base images in objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, and where each
-    /// lies; `None` for beads, which are new in each object.
+    /// Base images in objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, with their
+    /// places. `None` for beads, which are new in each object.
     pub fn pictures_from(
         &self,
         split: Split,
@@ -382,21 +382,22 @@ impl ObjectSet {
         }
     }
 
-    /// Mean over the set, photons per pixel. For beads it is the expectation with the light lost at the border.
+    /// Mean over the set, photons per pixel. For beads it is the expectation, including the loss at the border.
     pub fn mean(&self) -> f64 {
         self.mean
     }
 
-    /// Autocovariance of one plane of the objects of a split as a stationary process, photons squared, shape (2 L + 1, 2 L + 1)
-    /// for `max_lag` L; element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
+    /// Autocovariance of one plane of the objects of a split, as a stationary process, photons squared. The shape is (2 L
+    /// + 1, 2 L + 1) for `max_lag` L. Element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
     ///
-    /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is left out, and so is the correlation
-    ///   of `-1 / (number of pixels)` that a fixed number of beads brings.
+    /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is neglected. So is the correlation
+    ///   of `-1 / (number of pixels)` that a fixed number of beads causes.
     /// - Mosaics: exact for an endless mosaic of independent tiles at a random place.
-    /// - Whole images: the mean unbiased estimate, its spectrum clipped at 0 (with period 2 L + 1) and the variance
-    ///   kept.
+    /// - Whole images: the mean unbiased estimate. Its spectrum is clipped at 0 (with period 2 L + 1) and the variance is
+    ///   preserved.
     ///
-    /// Every block-Toeplitz matrix of these lags is a covariance. Planes of a volume are independent and alike.
+    /// Every block-Toeplitz matrix of these lags is a covariance. Planes of a volume are independent and have the same
+    /// distribution.
     pub fn autocovariance(&self, split: Split, max_lag: usize) -> Array2<f64> {
         match &self.content {
             Content::Beads(beads) => beads.autocovariance(max_lag),
@@ -405,7 +406,7 @@ impl ObjectSet {
         }
     }
 
-    /// How beads are drawn; `None` for images, whose prior is not known.
+    /// Prior of the beads; `None` for images, whose prior is unknown.
     pub fn bead_prior(&self) -> Option<BeadPrior> {
         match &self.content {
             Content::Beads(beads) => Some(beads.prior().clone()),

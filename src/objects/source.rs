@@ -1,4 +1,4 @@
-//! The name of a set of objects, as text.
+//! Names of object sets, as text.
 
 use std::ffi::OsStr;
 use std::fmt;
@@ -14,7 +14,7 @@ use crate::formats::{ImageFile, image_files, path_text, split_kind};
 const MOST_PLANES: usize = 64;
 const CHOICES: &str = "beads:0.02, beads-max:0.05, volume:5:0.02, idx:FILE, cifar:FILE, images:FOLDER or stack:FILE";
 
-/// Source of objects. The text form (`Display`, `FromStr`, serde) is given with each variant.
+/// Source of objects. Each variant gives its text form (`Display`, `FromStr`, serde).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum ObjectSource {
@@ -46,11 +46,12 @@ pub enum ObjectSource {
 }
 
 impl ObjectSource {
-    /// The most likely source of a dropped or typed path, by its name. Reading the file reveals a wrong guess. A path that names the kind as the command line does, `stack:FILE`, is taken at its word.
+    /// The most likely source of a dropped or typed path, by its name. Reading the file reveals a wrong guess. A path
+    /// with a kind, such as `stack:FILE`, has that kind.
     pub fn guess(path: &Path) -> Self {
         let file = match ImageFile::find(path) {
             Ok(found) => found.path,
-            // A missing file is named by the path.
+            // An error about a missing file names the path.
             Err(_) => match Self::from_os(path.as_os_str()) {
                 Ok(named) => return named,
                 Err(_) => path.to_path_buf(),
@@ -75,12 +76,12 @@ impl ObjectSource {
 }
 
 impl ObjectSource {
-    /// Whether these are read from files, which may change.
+    /// Whether the objects are read from files, which may change.
     pub fn is_read(&self) -> bool {
         matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
     }
 
-    /// Files of the source; of a folder, its images. Empty if the folder cannot be read.
+    /// Files of the source. A folder gives its images; a folder that cannot be read gives none.
     pub fn files(&self) -> Vec<PathBuf> {
         match self {
             Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => image_files(path)
@@ -89,7 +90,7 @@ impl ObjectSource {
         }
     }
 
-    /// The same by a path that means the same in every folder.
+    /// The same source with an absolute path.
     #[must_use]
     pub fn absolute(&self) -> Self {
         let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
@@ -102,12 +103,12 @@ impl ObjectSource {
         }
     }
 
-    /// Whether their mean can be chosen; otherwise their light is that of their beads.
+    /// Whether the mean of the objects can be chosen. Otherwise the beads determine it.
     pub fn has_mean(&self) -> bool {
         !matches!(self, Self::BeadsMax { .. })
     }
 
-    /// Whether these are beads at random places, whose probability is known.
+    /// Whether the objects are beads at random places. Their prior is known.
     pub fn is_beads(&self) -> bool {
         match self {
             Self::Beads { density } | Self::BeadsMax { density } | Self::Volume { density, .. } => *density < 1.0,
@@ -139,10 +140,10 @@ impl FromStr for ObjectSource {
 }
 
 impl ObjectSource {
-    /// The objects of a text that need not be UTF-8, as paths need not be.
+    /// Reads a source from text. The text need not be UTF-8, because paths need not be.
     ///
     /// # Errors
-    /// [`ObjectError::Source`] with the choices where it names none.
+    /// [`ObjectError::Source`], with the choices, where the text names no source.
     pub fn from_os(text: &OsStr) -> Result<Self, ObjectError> {
         let name = || text.to_string_lossy().into_owned();
         let wrong =

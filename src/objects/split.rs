@@ -1,4 +1,4 @@
-//! Which images and which random streams belong to training and which to testing.
+//! Split of images and random streams into training and test parts.
 
 use std::fmt;
 
@@ -7,27 +7,27 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-/// Seed of the shuffle that parts base images. It is fixed, so that training objects of one seed never share an image
+/// Seed of the shuffle that splits the base images. It is fixed. So training objects of one seed never share an image
 /// with test objects of another.
 const SPLIT_SEED: u64 = 0x6c65_6e73_6c65_7473;
-/// Set in every stream number here, so that noise or patches of the same seed never repeat the draws of objects.
+/// Bits set in every stream number here. Noise and patches of the same seed never repeat the draws of objects.
 const OBJECT_STREAMS: u64 = 0x6f62 << 48;
 
 /// A part of a set of objects.
 ///
-/// Base images are shuffled once and for all, 80 % are for training and 20 % for testing; no image is in both parts,
-/// independent of the seeds of the objects. A tenth of the training part validates fits to the rest of it, on request. Beads have
-/// no base images: the parts are different random streams.
+/// Base images are shuffled once with a fixed seed: 80 % for training, 20 % for testing. No image is in both parts,
+/// whatever the seeds of the objects. On request a tenth of the training part validates fits to the rest of it. Beads
+/// have no base images: their parts are different random streams.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Split {
     /// Objects to fit models on.
     Train,
-    /// Objects to evaluate them on.
+    /// Objects to evaluate models on.
     Test,
     /// Objects from the whole set.
     All,
-    /// Objects of the training part but for those that validate.
+    /// Objects of the training part without the validation objects.
     Fit,
     /// Validation objects of the training part, for early stopping.
     Validation,
@@ -69,7 +69,7 @@ pub(super) struct Parts {
 }
 
 impl Parts {
-    /// Parts `images` base images, at least one of which is for testing if there are two.
+    /// Splits `images` base images. Of two or more images at least one is for testing.
     pub(super) fn new(images: usize) -> Self {
         let mut order: Vec<u32> = (0..images as u32).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(SPLIT_SEED));
@@ -77,7 +77,7 @@ impl Parts {
         Self { order, train: images - test }
     }
 
-    /// The training part alone, of which every tenth image, at least two where one is left, is for testing.
+    /// Split of the training part alone. Every tenth image is for testing: at least two, where one is left for training.
     pub(super) fn of_training(&self) -> Self {
         let order = self.members(Split::Train).to_vec();
         let test = order.len().div_ceil(10).max(2).min(order.len().saturating_sub(1));

@@ -1,4 +1,4 @@
-//! Images that are whole objects.
+//! Objects that are whole images.
 
 use ndarray::{Array2, ArrayViewMut2};
 use rand::seq::SliceRandom;
@@ -33,10 +33,10 @@ impl WholePictures {
         self.stack.pages
     }
 
-    /// The members in the order of this seed; objects take them in turn, so none repeats before all were used.
+    /// Members in the order of this seed. Objects take them in turn, so none repeats before all were used.
     pub(super) fn order(members: &[u32], split: Split, seed: u64) -> Vec<u32> {
         let mut order = members.to_vec();
-        // Objects draw nothing themselves, so the stream of the first is free for their order.
+        // Whole objects use no random numbers, so the stream of the first object is free for their order.
         order.shuffle(&mut split.generator(seed, 0));
         order
     }
@@ -49,9 +49,9 @@ impl WholePictures {
         }
     }
 
-    /// Mean over the images of `members` of the unbiased linear autocovariance about their mean, photons squared, made
-    /// a valid one by clipping the negative part of its spectrum; the variance is kept. Lags as long as an image, of
-    /// which the images tell nothing, count as 0 before.
+    /// Mean over the images of `members` of the unbiased linear autocovariance about their mean, photons squared. The
+    /// negative part of its spectrum is clipped and the variance is preserved. Images have no pairs of pixels at lags as
+    /// long as the image; those lags are set to 0 first.
     pub(super) fn autocovariance(&self, members: &[u32], max_lag: usize) -> Array2<f64> {
         let (rows, cols) = self.field();
         let pages = members.len();

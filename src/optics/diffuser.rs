@@ -1,9 +1,9 @@
 //! A synthetic diffuser: the caustic of a smooth random phase surface.
 //!
-//! Parallel light passes a surface of random height; each ray is bent by the local slope and lands displaced by
-//! slope times distance. Where the map from mask to sensor folds, light piles up in bright caustic lines. The surface is
-//! Gaussian-filtered white noise on a periodic tile, as an off-the-shelf Gaussian diffuser is modelled; the published
-//! diffuser is a photograph that is not public, so this one shares its kind, not its pixels.
+//! Parallel light passes a surface of random height. The local gradient deflects each ray. The ray lands displaced by
+//! gradient times distance. Light concentrates in caustic lines where the map from mask to sensor folds. The surface is
+//! Gaussian-filtered white noise on a periodic tile, the usual model of an off-the-shelf Gaussian diffuser. The published
+//! diffuser is a photograph that is not public. So this one is of the same kind but has other pixels.
 
 use ndarray::{Array2, s};
 use rand::SeedableRng;
@@ -21,7 +21,7 @@ pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
 )]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Diffuser {
-    /// Side of the square aperture in pixels, centred; 1 to 32.
+    /// Side of the square, centred aperture in pixels, 1 to 32.
     pub aperture_px: usize,
     /// Seed of the surface. The same seed gives the same surface behind every aperture.
     pub seed: u64,
@@ -32,12 +32,12 @@ impl Diffuser {
     pub const GRID: usize = 32;
     /// Rays per pixel along each axis.
     const RAYS: usize = 16;
-    /// Standard deviation in pixels of the filter that smooths the surface: the width of its bumps.
+    /// Standard deviation in pixels of the filter that smooths the surface. It sets the width of the bumps.
     const BUMP_PX: f64 = 2.5;
-    /// Root mean square of the curvature times the distance to the sensor. At 1 most bumps come to a focus near it.
+    /// Root mean square of the curvature times the distance to the sensor. At 1 most bumps focus near the sensor.
     const FOCUS: f64 = 1.0;
 
-    /// Renders the PSF, shape (32, 32), sum 1. An aperture outside 1 to 32 px is brought to the nearest.
+    /// Renders the PSF, shape (32, 32), sum 1. An aperture outside 1 to 32 px is clamped.
     pub fn render(self) -> Array2<f64> {
         let field = self.caustic();
         let aperture = self.aperture_px.clamp(1, Self::GRID);
@@ -90,8 +90,8 @@ impl Diffuser {
     /// White noise smoothed by a periodic Gaussian, shape (side, side).
     fn surface(self, side: usize) -> Array2<f64> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
-        // Noise on the pixel grid, so that the number of rays does not change the surface, then interpolated by the
-        // same Gaussian that smooths it.
+        // The noise lies on the pixel grid, so the number of rays does not change the surface. The Gaussian that smooths
+        // the noise also interpolates it.
         let noise = Array2::from_shape_simple_fn((Self::GRID, Self::GRID), || StandardNormal.sample(&mut random));
         let kernel = |fine: usize, coarse: usize| {
             let position = (fine as f64 + 0.5) / Self::RAYS as f64 - 0.5;

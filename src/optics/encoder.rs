@@ -22,7 +22,7 @@ pub enum Encoder {
     Image(PsfImage),
 }
 
-/// An imported PSF and its origin.
+/// An imported PSF with its origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
 pub struct PsfImage {
@@ -33,8 +33,8 @@ pub struct PsfImage {
 }
 
 impl Encoder {
-    /// The PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to 1 over all planes of the
-    /// encoder; diffusers and images focus on the first plane only.
+    /// PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to 1 over all planes of the encoder.
+    /// Diffusers and images focus on the first plane only.
     ///
     /// # Errors
     /// [`LensletError`] where a lenslet array cannot be rendered.

@@ -16,7 +16,7 @@ pub enum PsfError {
     /// The file cannot be read.
     #[error(transparent)]
     File(#[from] FormatError),
-    /// The file is not one image.
+    /// The file holds more than one image.
     #[error("{origin}: expected one PSF, found {}; add ?frame=1 to the path to take the first", counted(*.found, "image"))]
     Several {
         /// File or name of the PSF.
@@ -45,15 +45,15 @@ pub enum PsfError {
         /// File or name of the PSF.
         origin: String,
     },
-    /// The text after the @ of a path is no side in pixels.
+    /// The text after the @ of a path is not a side in pixels.
     #[error("{origin}: expected 1 to {max} pixels a side after the @, found {found}", max = LensletArray::MAX_SIDE)]
     Side {
         /// File of the PSF.
         origin: String,
-        /// What follows the @.
+        /// The text after the @.
         found: String,
     },
-    /// Too large, or empty.
+    /// The image is too large, or empty.
     #[error(
         "{origin}: expected a PSF of 1 to {max} pixels a side, found {rows} x {cols}; \
          resample it: add @32 to the path, or --resample 32 to a command", max = LensletArray::MAX_SIDE
@@ -68,8 +68,8 @@ pub enum PsfError {
     },
 }
 
-/// The file that a path names and the side that it is to be resampled to: `FILE@32` stands for 32 pixels where there is
-/// no file of that very name.
+/// Splits a path into the file and the side to resample to. `FILE@32` stands for 32 pixels where no file has that exact
+/// name.
 ///
 /// # Errors
 /// [`PsfError::Side`] for a side of no or too many pixels.
@@ -79,7 +79,7 @@ pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
         return whole();
     }
     match formats::split_end(named, b'@') {
-        // An @ may be part of a path, too.
+        // An @ may also be part of a path.
         Some((path, side)) if !path.as_os_str().is_empty() && side.bytes().all(|byte| byte.is_ascii_digit()) => {
             match side.parse().ok().filter(|side| (1..=LensletArray::MAX_SIDE).contains(side)) {
                 Some(side) => Ok((path, Some(side))),
@@ -92,11 +92,11 @@ pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
 
 /// Reads a PSF from an image (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
 ///
-/// With `side`, or that of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by averaging
-/// areas. The second value summarises how the file was read.
+/// With `side`, or the side of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by
+/// averaging areas. The second value summarises how the file was read.
 ///
 /// # Errors
-/// [`PsfError`] says what the file holds instead of a PSF.
+/// [`PsfError`] names the content of the file that is not a PSF.
 pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSummary), PsfError> {
     let (path, named_side) = psf_file(path)?;
     let side = side.or(named_side);
@@ -133,11 +133,11 @@ pub fn normalised_psf(picture: Array2<f32>, origin: &str) -> Result<Array2<f32>,
     if sum <= 0.0 {
         return Err(PsfError::Dark { origin: origin.into() });
     }
-    // A PSF that already sums to 1 within rounding is left as it is, so that saving and opening changes no bit.
+    // A PSF that already sums to 1 within rounding stays unchanged, so that saving and opening changes no bit.
     if (sum - 1.0).abs() < 1e-6 { Ok(picture) } else { Ok(picture.map(|&value| (f64::from(value) / sum) as f32)) }
 }
 
-/// Light is finite and not negative.
+/// Checks that light is finite and not negative.
 fn check_pixels(picture: ArrayView2<'_, f32>, origin: &str) -> Result<(), PsfError> {
     match picture.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
         Some(((row, col), &value)) => Err(PsfError::Pixel { origin: origin.into(), row, col, value }),

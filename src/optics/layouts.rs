@@ -29,7 +29,7 @@ const DEPTH_PLANES: [usize; 5] = [2, 0, 4, 1, 3];
 /// Rows and columns of the published PSF grid.
 const GRID: usize = 32;
 
-/// The heuristic layout of `count` lenslets, 1 to 9, equal weights, on a 32x32 grid.
+/// Heuristic layout of `count` lenslets, 1 to 9, equal weights, on a 32x32 grid.
 ///
 /// # Panics
 /// Where `count` is not 1 to 9.
@@ -42,7 +42,7 @@ pub fn heuristic_layout(count: usize) -> LensletArray {
     LensletArray { rows: GRID, cols: GRID, lenslets }
 }
 
-/// The layout for volumes: the first `count` heuristic lenslets (1 to 5), each focused on a depth plane of its own.
+/// Layout for volumes: the first `count` heuristic lenslets (1 to 5), each focused on a different depth plane.
 ///
 /// # Panics
 /// Where `count` is not 1 to 5.
@@ -55,11 +55,11 @@ pub fn depth_layout(count: usize) -> LensletArray {
     array
 }
 
-/// A random start of `count` lenslets on a 32x32 grid, equal weights.
+/// Random start of `count` lenslets on a 32x32 grid, equal weights.
 ///
-/// Centres are those of the smallest square grid of at least `count` points over the central 70 % of the PSF
-/// (5x5 for 25, as published), jittered by N(0, 1.6) and brought inside [`Limits`]; variances are U(1, 5). Lengths
-/// are in the published grid units, in which 32 samples span -16 to 16.
+/// Centres are those of the smallest square grid of at least `count` points over the central 70 % of the PSF (5x5 for 25,
+/// as published). They are jittered by N(0, 1.6) and projected into [`Limits`]. Variances are U(1, 5). Lengths are in the
+/// published grid units, in which 32 samples span -16 to 16.
 pub fn random_layout(count: usize, seed: u64) -> LensletArray {
     const GRID_UNIT_PX: f64 = (GRID as f64 - 1.0) / GRID as f64;
     const CENTRE: f64 = (GRID as f64 - 1.0) / 2.0;

@@ -1,7 +1,7 @@
 //! Fit of lenslets to a PSF image, so that an imported mask can be edited and optimized.
 //!
-//! Round Gaussian spots are taken up one by one where they explain most of what is left (matching pursuit, Mallat and Zhang 1993),
-//! and all of them are fitted together by damped least squares (Marquardt 1963).
+//! Round Gaussian spots are added one by one. Each is the spot that explains most of the residual (matching pursuit,
+//! Mallat and Zhang 1993). All spots are then fitted together by damped least squares (Marquardt 1963).
 
 use std::ops::Range;
 
@@ -16,20 +16,20 @@ use super::psf::SampledSpot;
 
 use crate::plural::{counted, one_or_many};
 
-/// Widths that a spot can begin with, px; those of published lenslets lie between the first two.
+/// Initial widths of a spot, px. Those of published lenslets lie between the first two.
 const WIDTHS: [f64; 6] = [0.7, 1.0, 1.5, 2.3, 3.5, 5.5];
 /// Narrowest spot, px.
 const NARROWEST: f64 = 0.3;
-/// Share of the squared PSF below which one more spot explains noise.
+/// Least share of the squared PSF that one more spot must explain. Below it the spot explains noise.
 const LEAST_GAIN: f64 = 1e-5;
-/// Share of the light that may be elsewhere in a good fit.
+/// Largest share of misplaced light in a good fit.
 const GOOD: f64 = 1e-3;
-/// Share of the light below which a spot is left out.
+/// Share of the light below which a spot is omitted.
 const DARK: f64 = 1e-4;
-/// Steps of the fit after each new spot, and in the end.
+/// Fit steps after each new spot, and at the end.
 const STEPS: usize = 4;
 const LAST_STEPS: usize = 60;
-/// Share of the squared error by which a step has to lower it for another one.
+/// Least relative decrease of the squared error after which the fit makes another step.
 const LEAST_STEP: f64 = 1e-5;
 /// Parameters of a spot: column, row and logarithm of the width, and weight.
 const PARAMETERS: usize = 4;
@@ -37,13 +37,13 @@ const PARAMETERS: usize = 4;
 /// Lenslets fitted to a PSF image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedLenslets {
-    /// The lenslets, round ones, the brightest first.
+    /// The round lenslets, the brightest first.
     pub array: LensletArray,
     /// Share of the light at other pixels than in the image, 0 to 1: half the sum of absolute differences.
     pub misplaced: f64,
 }
 
-/// Why no lenslets are fitted.
+/// Reason why no lenslets are fitted.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum LensletFitError {
     /// The image is too large for the fit.
@@ -57,25 +57,25 @@ pub enum LensletFitError {
         /// Columns found.
         cols: usize,
     },
-    /// There is nothing that a spot could be.
+    /// The image holds no spot.
     #[error("no lenslet explains this PSF: it has no light")]
     NoSpot,
 }
 
 impl FittedLenslets {
-    /// Most lenslets of a fit.
+    /// Largest number of lenslets of a fit.
     pub const MOST: usize = 64;
     /// Largest side of an image, px.
     pub const MOST_SIDE: usize = 128;
 
-    /// What has come of it, for people.
+    /// Summary of the fit in a sentence.
     pub fn in_words(&self) -> String {
         let count = self.array.lenslets.len();
         let (lenslets, stand) = (counted(count, "lenslet"), one_or_many(count, "stands", "stand"));
         format!("{lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)
     }
 
-    /// Fits up to a number of lenslets to a PSF, shape (rows, cols), not negative.
+    /// Fits up to `most` lenslets to a PSF, shape (rows, cols), not negative.
     ///
     /// # Errors
     /// Where the image is too large, or no spot explains any of it.
@@ -117,7 +117,7 @@ impl FittedLenslets {
 /// Lenslets fitted to the PSF of an image or a diffuser.
 ///
 /// # Errors
-/// As [`FittedLenslets::of`].
+/// The errors of [`FittedLenslets::of`].
 pub fn fit_lenslets(encoder: &Encoder) -> Result<FittedLenslets, LensletFitError> {
     let psf = encoder.psf(1).map_err(|_| LensletFitError::NoSpot)?;
     FittedLenslets::of(psf.index_axis(Axis(0), 0), FittedLenslets::MOST)
@@ -137,7 +137,7 @@ fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
         let sum: f64 = profile.iter().sum();
         let profile: Array1<f64> = profile.into_iter().map(|value| value / sum).collect();
         let seen = blurred(&blurred(left, &profile, Axis(0)), &profile, Axis(1));
-        // The square of a spot is the same wherever it is whole.
+        // The squared norm of a spot is the same at every place where no part of it is cut off.
         let square = profile.dot(&profile).powi(2);
         for ((row, col), &product) in seen.indexed_iter() {
             let gain = product.max(0.0).powi(2) / square;
@@ -149,7 +149,7 @@ fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
     best
 }
 
-/// An image convolved with a profile along an axis, with nothing beyond its border.
+/// An image convolved with a profile along an axis, with zeros beyond its border.
 fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f64> {
     let (length, reach) = (picture.len_of(axis), profile.len() / 2);
     let mut blurred = Array2::zeros(picture.dim());
@@ -161,17 +161,17 @@ fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f
     blurred
 }
 
-/// A fit on its way.
+/// State of a fit.
 struct Fit<'a> {
     /// Sum 1.
     psf: &'a Array2<f64>,
-    /// Their weights are shares of the light of the image.
+    /// Spots; their weights are shares of the light of the image.
     spots: Vec<Lenslet>,
-    /// Of the next step.
+    /// Damping of the next step.
     damping: f64,
 }
 
-/// A spot where it is not negligible, and how it changes with each of its parameters.
+/// A spot in the region where it is not negligible, and its derivatives with respect to each of its parameters.
 struct Slopes {
     rows: Range<usize>,
     cols: Range<usize>,
@@ -186,7 +186,7 @@ impl Slopes {
             let (dx, dy) = ((cols.start + at.1) as f64 - lenslet.x, (rows.start + at.0) as f64 - lenslet.y);
             [dx / variance, dy / variance, (dx * dx + dy * dy) / variance]
         };
-        // The sum of a spot stays 1, so that the mean of each score is taken off.
+        // The sum of a spot stays 1, so the mean of each score is subtracted.
         let mut means = [0.0; PARAMETERS - 1];
         for (at, value) in values.indexed_iter() {
             means.iter_mut().zip(scores(at)).for_each(|(mean, score)| *mean += value * score);
@@ -198,7 +198,7 @@ impl Slopes {
         Self { rows, cols, by }
     }
 
-    /// Sums of products of the slopes of two spots, over the pixels that both have.
+    /// Sums of products of the derivatives of two spots, over their common pixels.
     fn products(&self, other: &Self) -> [[f64; PARAMETERS]; PARAMETERS] {
         let shared = |one: &Range<usize>, other: &Range<usize>| one.start.max(other.start)..one.end.min(other.end);
         let (rows, cols) = (shared(&self.rows, &other.rows), shared(&self.cols, &other.cols));
@@ -214,7 +214,7 @@ impl Slopes {
         ones.each_ref().map(|one| others.each_ref().map(|other| product(one, other)))
     }
 
-    /// One of its slopes at some of its pixels.
+    /// One derivative at some of its pixels.
     fn part(&self, index: usize, rows: &Range<usize>, cols: &Range<usize>) -> ArrayView2<'_, f64> {
         let rows = rows.start - self.rows.start..rows.end - self.rows.start;
         self.by[index].slice(s![rows, cols.start - self.cols.start..cols.end - self.cols.start])
@@ -233,7 +233,7 @@ impl Fit<'_> {
         left
     }
 
-    /// Takes steps towards the least squared error.
+    /// Makes steps towards the least squared error.
     fn improve(&mut self, steps: usize) {
         if self.spots.is_empty() {
             return;
@@ -279,10 +279,11 @@ impl Fit<'_> {
         }
     }
 
-    /// One damped step; `square` holds the products of all slopes (its lower half), `towards` those with what is left.
+    /// Makes one damped step. `square` holds the products of all derivatives (its lower half), `towards` their products
+    /// with the residual.
     fn step(&mut self, square: &Mat<f64>, towards: &Mat<f64>) {
         let count = square.nrows();
-        // A spot without light has no slopes by place and width.
+        // The derivatives of a spot without light are 0 for place and width.
         let damped = Mat::from_fn(count, count, |i, j| {
             square[(i, j)] + if i == j { self.damping * square[(i, i)] + 1e-12 } else { 0.0 }
         });
@@ -292,7 +293,7 @@ impl Fit<'_> {
         let widest = rows.max(cols) as f64;
         for (index, spot) in self.spots.iter_mut().enumerate() {
             let by = |parameter: usize| step[(PARAMETERS * index + parameter, 0)];
-            // Limited to where gradients are informative.
+            // Limited to where derivatives are informative.
             spot.x = (spot.x + by(0).clamp(-1.0, 1.0)).clamp(-0.5, cols as f64 - 0.5);
             spot.y = (spot.y + by(1).clamp(-1.0, 1.0)).clamp(-0.5, rows as f64 - 0.5);
             let sigma = spot.spot.mean_sigma() * by(2).clamp(-0.5, 0.5).exp();
@@ -357,7 +358,7 @@ mod tests {
         let array = heuristic_layout(4);
         let clean = psf_of(&array);
         let brightest = clean.fold(0.0_f64, |most, &light| most.max(light));
-        // Grey levels of eight bits, one more or less here and there.
+        // Grey levels of eight bits, some off by one.
         let grey =
             |light: f64, at: usize| ((light / brightest * 250.0).round() + (at * 7919 % 11 / 10) as f64).max(0.0);
         let psf = Array2::from_shape_fn(clean.dim(), |(row, col)| grey(clean[(row, col)], row * 32 + col));
@@ -374,7 +375,7 @@ mod tests {
         let refused = |psf: Array2<f64>| FittedLenslets::of(psf.view(), 64).unwrap_err();
         assert_eq!(refused(Array2::zeros((8, 8))), LensletFitError::NoSpot);
         assert!(refused(Array2::ones((8, 129))).to_string().contains("at most 128 pixels a side, found 8 x 129"));
-        // One pixel is a spot, too.
+        // One pixel is also a spot.
         let found = FittedLenslets::of(Array2::ones((1, 1)).view(), 64).unwrap();
         assert_eq!((found.array.lenslets.len(), found.array.rows), (1, 1));
         assert!(found.misplaced < 1e-9);

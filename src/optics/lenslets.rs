@@ -1,9 +1,9 @@
-//! Lenslet arrays: the parameters a designer edits and the optimizer moves.
+//! Lenslet arrays: the parameters that a user edits and the optimizer changes.
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// The shape of the focal spot of one lenslet, a Gaussian.
+/// Shape of the focal spot of one lenslet, a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Spot {
@@ -34,7 +34,7 @@ impl Spot {
         }
     }
 
-    /// Geometric-mean standard deviation in pixels: the width of the round spot of equal area.
+    /// Geometric mean of the standard deviations in pixels: the width of the round spot of equal area.
     pub fn mean_sigma(self) -> f64 {
         match self {
             Self::Isotropic(sigma) => sigma,
@@ -63,7 +63,7 @@ impl Spot {
     }
 }
 
-/// One lenslet, seen as the spot it makes on the sensor.
+/// One lenslet, described by its spot on the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lenslet {
     /// Column of the spot's centre in pixels.
@@ -75,14 +75,14 @@ pub struct Lenslet {
     /// Shape of the spot.
     #[serde(flatten)]
     pub spot: Spot,
-    /// Share of the light, before the array is normalised. Not negative.
+    /// Share of the light before normalisation of the array. Not negative.
     pub weight: f64,
-    /// Depth plane that this lenslet has in focus; it sees no other plane.
+    /// Depth plane in focus of this lenslet. The lenslet images no other plane.
     #[serde(default, skip_serializing_if = "is_first_plane")]
     pub plane: usize,
 }
 
-// serde hands over a reference.
+// serde passes a reference.
 #[allow(clippy::trivially_copy_pass_by_ref)]
 fn is_first_plane(plane: &usize) -> bool {
     *plane == 0
@@ -106,16 +106,16 @@ pub struct LensletArray {
     pub lenslets: Vec<Lenslet>,
 }
 
-/// Where an array is not a mask.
+/// Reason why an array is not a mask.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum LensletError {
-    /// There is nothing to render.
+    /// The array has no lenslets.
     #[error("the mask has no lenslet; add one or choose a preset")]
     Empty,
-    /// All light is switched off.
+    /// All weights are 0.
     #[error("every lenslet has weight 0, so no light reaches the sensor; raise one weight")]
     Dark,
-    /// The PSF grid has no pixels, or more than can be computed.
+    /// The PSF grid has no pixels, or too many.
     #[error("the PSF grid is {rows} x {cols} pixels; expected 1 to {max} a side", max = LensletArray::MAX_SIDE)]
     Grid {
         /// Rows found.
@@ -123,13 +123,13 @@ pub enum LensletError {
         /// Columns found.
         cols: usize,
     },
-    /// Too many lenslets to edit or compute.
+    /// There are too many lenslets to edit or compute.
     #[error("the mask has {found} lenslets; expected at most {max}", max = LensletArray::MAX_LENSLETS)]
     TooMany {
         /// Lenslets found.
         found: usize,
     },
-    /// A parameter is outside what a lenslet can be.
+    /// A parameter is outside its range.
     #[error("lenslet {number}: {name} is {found:?}, expected {expected}")]
     Parameter {
         /// Number of the lenslet, counted from 1.
@@ -138,7 +138,7 @@ pub enum LensletError {
         name: &'static str,
         /// Its value.
         found: f64,
-        /// What it may be.
+        /// Its range.
         expected: &'static str,
     },
 }
@@ -146,13 +146,13 @@ pub enum LensletError {
 impl LensletArray {
     /// Largest side of a PSF grid in pixels.
     pub const MAX_SIDE: usize = 1024;
-    /// Most lenslets of one mask.
+    /// Largest number of lenslets of one mask.
     pub const MAX_LENSLETS: usize = 4096;
 
-    /// Whether this array can be rendered.
+    /// Checks that this array can be rendered.
     ///
     /// # Errors
-    /// [`LensletError`] names the first lenslet and parameter that cannot be.
+    /// [`LensletError`] names the first invalid lenslet and parameter.
     pub fn check(&self) -> Result<(), LensletError> {
         let side = 1..=Self::MAX_SIDE;
         if !side.contains(&self.rows) || !side.contains(&self.cols) {
@@ -173,7 +173,7 @@ impl LensletArray {
         Ok(())
     }
 
-    /// The array with its weights scaled to sum 1; unchanged where they sum to 0.
+    /// The array with its weights scaled to sum 1, or unchanged where they sum to 0.
     #[must_use]
     pub fn with_unit_weight(mut self) -> Self {
         let sum: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight).sum();
@@ -185,13 +185,13 @@ impl LensletArray {
         self
     }
 
-    /// How many depth planes the lenslets are focused on: one more than the deepest plane.
+    /// Number of depth planes that the lenslets are focused on: one more than the deepest plane.
     pub fn planes(&self) -> usize {
         self.lenslets.iter().map(|lenslet| lenslet.plane + 1).max().unwrap_or(1)
     }
 
-    /// Number of lenslets that carry equal light and spread it as this array does: the inverse sum of squared
-    /// weight shares (the participation ratio).
+    /// Effective number of lenslets: the inverse sum of squared weight shares (the participation ratio). An array of this
+    /// number of equal lenslets spreads its light as this array does.
     pub fn effective_count(&self) -> f64 {
         let sum: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight).sum();
         let squares: f64 = self.lenslets.iter().map(|lenslet| lenslet.weight * lenslet.weight).sum();
@@ -202,7 +202,7 @@ impl LensletArray {
 impl Lenslet {
     fn check(&self, number: usize, rows: usize, cols: usize) -> Result<(), LensletError> {
         let wrong = |name, found, expected| Err(LensletError::Parameter { number, name, found, expected });
-        // Centres may leave the grid (a lenslet half outside is a design), but not so far that all its light is lost.
+        // Centres may leave the grid (a lenslet half outside is valid), but not so far that all light is lost.
         if !(self.x >= -0.5 && self.x <= cols as f64 - 0.5) {
             return wrong("x_px", self.x, "a column inside the PSF grid");
         }
@@ -234,14 +234,14 @@ impl Lenslet {
     }
 }
 
-/// Below this the sampled Gaussian is one pixel and its gradient is lost to rounding.
+/// Least width, px. Below it the sampled Gaussian is one pixel and rounding destroys its gradient.
 const MIN_SIGMA: f64 = 0.1;
 const MAX_SIGMA: f64 = 1000.0;
-/// Widths that a lenslet may have; the least one may be lost to rounding where an ellipse is raised to it.
+/// Range of the widths. Its lower end leaves room for rounding where an ellipse is raised to the least width.
 const SIGMAS: std::ops::RangeInclusive<f64> = MIN_SIGMA * (1.0 - 1e-9)..=MAX_SIGMA;
 const MAX_PLANES: usize = 64;
 
-/// The region and width that can be manufactured; the editor draws it and the optimizer projects onto it.
+/// Manufacturable region and width. The editor draws them and the optimizer projects onto them.
 ///
 /// Defaults are those of Kabuli et al. 2026: widths of at least 0.775 px, centres in the central 80 % of the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -274,7 +274,7 @@ impl Limits {
         lenslet.x = lenslet.x.clamp(left, right);
         lenslet.y = lenslet.y.clamp(top, bottom);
         lenslet.weight = lenslet.weight.max(0.0);
-        // A width on the floor may come out below it by rounding; it stays as it is, to the bit.
+        // Rounding may bring the least width slightly below its limit. Such a width stays bit-identical.
         if lenslet.spot.principal_sigmas().0 < self.min_sigma_px * (1.0 - 1e-9) {
             lenslet.spot = match lenslet.spot {
                 Spot::Isotropic(_) => Spot::Isotropic(self.min_sigma_px),
@@ -285,7 +285,7 @@ impl Limits {
     }
 }
 
-/// The covariance with both eigenvalues raised to at least `floor` (square pixels), axes kept.
+/// The covariance with both eigenvalues raised to at least `floor` (square pixels) and unchanged axes.
 fn floor_eigenvalues(xx: f64, xy: f64, yy: f64, floor: f64) -> Spot {
     let middle = 0.5 * (xx + yy);
     let half = (0.25 * (xx - yy).powi(2) + xy * xy).sqrt();

@@ -1,4 +1,4 @@
-//! The mask and what it does to light: lenslets, point spread functions and their gradients, transfer functions.
+//! Optics of the mask: lenslets, point spread functions and their gradients, transfer functions.
 
 mod diffuser;
 mod encoder;

@@ -1,4 +1,4 @@
-//! Modulation transfer function: how strongly each spatial frequency of the scene reaches the sensor.
+//! Modulation transfer function: contrast of each spatial frequency of the scene on the sensor.
 
 use ndarray::{Array2, ArrayView2};
 use rustfft::FftPlanner;
@@ -50,7 +50,8 @@ mod tests {
     use crate::optics::{Lenslet, heuristic_layout, render_psf};
     use ndarray::Axis;
 
-    /// The transform of a Gaussian is exp(-2 pi^2 sigma^2 f^2); a narrow grid and sampling change it little at sigma 2.
+    /// The transform of a Gaussian is exp(-2 pi^2 sigma^2 f^2). At sigma 2 the narrow grid and the sampling change it
+    /// little.
     #[test]
     fn a_gaussian_has_a_gaussian_mtf() {
         let mut array = heuristic_layout(1);

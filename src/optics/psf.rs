@@ -1,8 +1,8 @@
 //! Point spread function of a lenslet array, and its exact gradient.
 //!
-//! Each lenslet makes a Gaussian spot sampled at pixel centres and normalised to unit sum on the grid; the PSF is the
-//! weighted sum of the spots divided by the sum of the weights (Kabuli et al. 2026). So the PSF sums to 1 over all
-//! planes however the lenslets are placed, and a lenslet at the border loses no light.
+//! Each lenslet makes a Gaussian spot, sampled at pixel centres and normalised to unit sum on the grid. The PSF is the
+//! weighted sum of the spots divided by the sum of the weights (Kabuli et al. 2026). So the PSF sums to 1 over all planes
+//! for any positions, and a lenslet at the border loses no light.
 
 use std::ops::Range;
 
@@ -10,12 +10,12 @@ use ndarray::{Array2, Array3, ArrayView3, Axis, s};
 
 use super::lenslets::{Lenslet, LensletArray, LensletError, Spot};
 
-/// Renders the PSF of `array` for scenes of `planes` depth planes, shape (planes, rows, cols), sum 1 over everything.
+/// Renders the PSF of `array` for scenes of `planes` depth planes, shape (planes, rows, cols), total sum 1.
 ///
-/// A lenslet focused on a plane that the scene does not have takes its share of the light and shows nothing.
+/// A lenslet focused on a plane that the scene lacks takes its share of the light and images nothing.
 ///
 /// # Errors
-/// Whatever [`LensletArray::check`] finds.
+/// The errors of [`LensletArray::check`].
 pub fn render_psf(array: &LensletArray, planes: usize) -> Result<Array3<f64>, LensletError> {
     array.check()?;
     let total: f64 = array.lenslets.iter().map(|lenslet| lenslet.weight).sum();
@@ -29,31 +29,32 @@ pub fn render_psf(array: &LensletArray, planes: usize) -> Result<Array3<f64>, Le
     Ok(psf)
 }
 
-/// Gradient of a scalar by the parameters of one lenslet.
+/// Gradient of a scalar with respect to the parameters of one lenslet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LensletGradient {
-    /// By the column of the centre, per pixel.
+    /// With respect to the column of the centre, per pixel.
     pub x: f64,
-    /// By the row of the centre, per pixel.
+    /// With respect to the row of the centre, per pixel.
     pub y: f64,
-    /// By the standard deviation of an isotropic spot, per pixel; 0 for an anisotropic one.
+    /// With respect to the standard deviation of an isotropic spot, per pixel; 0 for an anisotropic one.
     pub sigma: f64,
-    /// By the covariance entries (xx, xy, yy) of an anisotropic spot, per square pixel; zeros for an isotropic one.
+    /// With respect to the covariance entries (xx, xy, yy) of an anisotropic spot, per square pixel; zeros for an
+    /// isotropic one.
     pub covariance: [f64; 3],
-    /// By the weight as stored (before normalisation).
+    /// With respect to the weight as stored (before normalisation).
     pub weight: f64,
 }
 
-/// Pulls a gradient by the PSF back to every lenslet parameter.
+/// Gradient of a scalar with respect to every lenslet parameter, by the chain rule.
 ///
-/// `cotangent` is the gradient of the scalar by each PSF value, shape (planes, rows, cols); the PSF is that of
-/// [`render_psf`] with as many planes.
+/// `cotangent` is the gradient with respect to each PSF value, shape (planes, rows, cols). The PSF is that of
+/// [`render_psf`] with the same number of planes.
 ///
 /// # Errors
-/// Whatever [`LensletArray::check`] finds.
+/// The errors of [`LensletArray::check`].
 ///
 /// # Panics
-/// Where `cotangent` has other rows or columns than the array's grid.
+/// Where rows or columns of `cotangent` differ from the array's grid.
 pub fn psf_gradient(
     array: &LensletArray,
     cotangent: ArrayView3<'_, f64>,
@@ -73,7 +74,7 @@ pub fn psf_gradient(
             }
         })
         .collect();
-    // `weight` holds <cotangent, spot> so far; the normalisation by the total weight takes off the mean over lenslets.
+    // `weight` holds <cotangent, spot> so far. Normalisation by the total weight subtracts the mean over lenslets.
     let mean: f64 =
         gradients.iter().zip(&array.lenslets).map(|(gradient, lenslet)| gradient.weight * lenslet.weight).sum::<f64>()
             / total;
@@ -83,9 +84,10 @@ pub fn psf_gradient(
     Ok(gradients)
 }
 
-/// Derivatives of `<cotangent, share x spot>` by the spot's parameters, and `<cotangent, spot>` itself in `weight`.
+/// Derivatives of `<cotangent, share x spot>` with respect to the spot's parameters. `weight` holds `<cotangent, spot>`
+/// itself.
 ///
-/// With spot g = e / sum(e), e = exp(-q/2): `dg/dt = g (d log e/dt - E_g[d log e/dt])`, so each derivative is the
+/// With spot g = e / sum(e), e = exp(-q/2): `dg/dt = g (d log e/dt - E_g[d log e/dt])`. So each derivative is the
 /// covariance under g of the cotangent with the score of the unnormalised Gaussian.
 fn spot_gradient(
     array: &LensletArray,
@@ -97,7 +99,7 @@ fn spot_gradient(
     let precision = Precision::of(lenslet.spot);
     let window = cotangent.slice(s![lenslet.plane, spot.rows.clone(), spot.cols.clone()]);
     let mut mean_cotangent = 0.0;
-    // Scores by (x, y, sigma, xx, xy, yy): their means under g, and the means of cotangent x score.
+    // Scores for (x, y, sigma, xx, xy, yy): their means under g, and the means of cotangent x score.
     let mut means = [0.0; 6];
     let mut products = [0.0; 6];
     for ((row, col), &g) in spot.values.indexed_iter() {
@@ -146,7 +148,7 @@ impl Precision {
     }
 }
 
-/// One spot where it is not negligible, normalised to unit sum on the grid.
+/// One spot in the region where it is not negligible, normalised to unit sum on the grid.
 pub(super) struct SampledSpot {
     pub rows: Range<usize>,
     pub cols: Range<usize>,
@@ -154,7 +156,7 @@ pub(super) struct SampledSpot {
 }
 
 impl SampledSpot {
-    /// Standard deviations after which a Gaussian is below the rounding of `f64` (exp(-50) = 2e-22).
+    /// Radius in standard deviations. Beyond it a Gaussian is below the rounding of `f64` (exp(-50) = 2e-22).
     const REACH: f64 = 10.0;
 
     pub fn new(lenslet: &Lenslet, rows: usize, cols: usize) -> Self {
@@ -182,7 +184,7 @@ impl SampledSpot {
     }
 
     fn window(centre: f64, sigma: f64, side: usize) -> Range<usize> {
-        // At least the nearest pixel, however narrow the spot.
+        // The region holds at least the nearest pixel, however narrow the spot.
         let reach = (Self::REACH * sigma).max(1.0);
         let first = (centre - reach).ceil().max(0.0) as usize;
         let last = ((centre + reach).floor().max(0.0) as usize).min(side - 1);
@@ -234,7 +236,7 @@ mod tests {
         }
     }
 
-    /// Central differences of <cotangent, PSF> by every parameter, against the gradient.
+    /// Central differences of <cotangent, PSF> for every parameter, against the gradient.
     #[test]
     fn the_gradient_agrees_with_finite_differences() {
         let mut array = random_layout(6, 3);

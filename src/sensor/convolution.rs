@@ -1,14 +1,14 @@
 //! Valid convolution of object stacks with a point spread function, by real FFTs.
 //!
-//! The sensor sees less than the object: x = (o * h)[valid] + bias, true convolution (the kernel is flipped), summed
-//! over depth planes. A 96x96 object and a 32x32 PSF give a 65x65 measurement, x(i, j) = sum over k of
+//! The measurement is smaller than the object: x = (o * h)[valid] + bias, summed over depth planes. This is a true
+//! convolution (the kernel is flipped). A 96x96 object and a 32x32 PSF give a 65x65 measurement, x(i, j) = sum over k of
 //! `h(k) o(i + 31 - k_row, j + 31 - k_col)`. A circular convolution of the object's own size is exact on the valid
-//! region, because what wraps around lands outside of it, so nothing is padded beyond the next length with small
-//! prime factors.
+//! region, because wrapped values land outside of it. So nothing is padded beyond the next length with small prime
+//! factors.
 //!
-//! Plans belong to [`Convolution`] and are made once per pair of shapes; the spectrum of a PSF belongs to
-//! [`Convolver`]; the spectra of objects that are measured again and again belong to [`ObjectSpectra`]. Images are
-//! spread over threads; the result does not depend on how many there are.
+//! [`Convolution`] holds the plans, made once per pair of shapes. [`Convolver`] holds the spectrum of a PSF.
+//! [`ObjectSpectra`] holds the spectra of objects that are measured repeatedly. Images are distributed over threads; the
+//! result does not depend on the number of threads.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ mod transposed;
 
 pub use transposed::BlurWorkspace;
 
-/// The transforms for objects and PSFs of given shapes.
+/// Plans of the transforms for objects and PSFs of given shapes.
 #[derive(Clone)]
 pub struct Convolution {
     object: (usize, usize),
@@ -38,7 +38,7 @@ pub struct Convolution {
     cols_inverse: Arc<dyn Fft<f32>>,
 }
 
-/// The transforms together with the spectrum of one PSF.
+/// Plans of the transforms and the spectrum of one PSF.
 #[derive(Clone)]
 pub struct Convolver {
     plan: Convolution,
@@ -46,19 +46,19 @@ pub struct Convolver {
     spectra: Vec<Spectrum>,
 }
 
-/// Spectra of a stack of objects, kept to be measured through many PSFs.
+/// Spectra of a stack of objects, for measurements with several PSFs.
 pub struct ObjectSpectra {
     /// Per object, per plane.
     objects: Vec<Vec<Spectrum>>,
 }
 
-/// Half spectrum of a real image, one run of `extent.0` row frequencies per column frequency.
+/// Half spectrum of a real image: `extent.0` row frequencies per column frequency, contiguous.
 type Spectrum = Vec<Complex<f32>>;
 
-/// Rows that are transposed together: as many complex numbers as a cache line holds.
+/// Number of rows that are transposed together: the complex numbers of one cache line.
 const BLOCK: usize = 8;
 
-/// What a transform needs besides its input and output; one per thread and call.
+/// Buffers of a transform besides input and output, one per thread and call.
 struct Workspace {
     /// One row of pixels.
     line: Vec<f32>,
@@ -67,7 +67,7 @@ struct Workspace {
     scratch: Vec<Complex<f32>>,
 }
 
-/// The smallest even length of at least `least` with no prime factor above 5.
+/// Smallest even length of at least `least` with no prime factor above 5.
 fn fast_length(least: usize) -> usize {
     let smooth = |mut length: usize| {
         for factor in [2, 3, 5] {
@@ -115,10 +115,10 @@ impl Convolution {
         (self.object.0 - self.psf.0 + 1, self.object.1 - self.psf.1 + 1)
     }
 
-    /// Takes the spectrum of a PSF, shape (planes, rows, cols).
+    /// Convolver with the spectrum of a PSF, shape (planes, rows, cols).
     ///
     /// # Errors
-    /// [`SensorError::Shape`] where the PSF is not of the planned shape.
+    /// [`SensorError::Shape`] where the PSF does not have the planned shape.
     pub fn with_psf(&self, psf: ArrayView3<'_, f64>) -> Result<Convolver, SensorError> {
         let (planes, rows, cols) = psf.dim();
         if (rows, cols) != self.psf || planes == 0 {
@@ -131,10 +131,10 @@ impl Convolution {
         Ok(Convolver { plan: self.clone(), spectra })
     }
 
-    /// Takes the spectra of a stack of objects, shape (n, planes, rows, cols).
+    /// Spectra of a stack of objects, shape (n, planes, rows, cols).
     ///
     /// # Errors
-    /// [`SensorError::Shape`] where the objects are not of the planned shape.
+    /// [`SensorError::Shape`] where the objects do not have the planned shape.
     pub fn object_spectra(&self, objects: ArrayView4<'_, f32>) -> Result<ObjectSpectra, SensorError> {
         self.check_objects(&objects)?;
         let spectra = objects
@@ -156,7 +156,7 @@ impl Convolution {
         Err(shape_error("objects", &[count, planes.max(1), self.object.0, self.object.1], objects.shape()))
     }
 
-    /// Column frequencies of the half spectrum.
+    /// Number of column frequencies of the half spectrum.
     fn half(&self) -> usize {
         self.extent.1 / 2 + 1
     }
@@ -175,19 +175,19 @@ impl Convolution {
         }
     }
 
-    /// A spectrum to be filled.
+    /// Spectrum of zeros.
     fn empty_spectrum(&self) -> Spectrum {
         vec![Complex::default(); self.half() * self.extent.0]
     }
 
-    /// The half spectrum of an image in a buffer of its own.
+    /// Half spectrum of an image in a new buffer.
     fn spectrum_of(&self, image: ArrayView2<'_, f32>, workspace: &mut Workspace) -> Spectrum {
         let mut spectrum = self.empty_spectrum();
         self.forward(image, workspace, &mut spectrum);
         spectrum
     }
 
-    /// Half spectrum of an image no larger than the transform, zero-padded at the bottom and right.
+    /// Computes the half spectrum of an image no larger than the transform, zero-padded at the bottom and right.
     fn forward(&self, image: ArrayView2<'_, f32>, workspace: &mut Workspace, spectrum: &mut Spectrum) {
         let extent_rows = self.extent.0;
         let half = self.half();
@@ -208,7 +208,7 @@ impl Convolution {
                     None => line.iter_mut().zip(pixels).for_each(|(value, &pixel)| *value = pixel),
                 }
                 line[cols..].fill(0.0);
-                // The buffers have the plan's lengths, which is all that can go wrong here.
+                // The transform fails only for wrong buffer lengths, and these have the lengths of the plan.
                 let _ = self.rows_forward.process_with_scratch(line, transformed, &mut scratch[..row_scratch]);
             }
             for (col, run) in spectrum.chunks_exact_mut(extent_rows).enumerate() {
@@ -220,8 +220,7 @@ impl Convolution {
         self.cols_forward.process_with_scratch(spectrum, scratch);
     }
 
-    /// The given rows of the image with this half spectrum, handed to `receive` as (row, pixels). The spectrum is used
-    /// up.
+    /// Passes the given rows of the image with this half spectrum to `receive` as (row, pixels). Overwrites the spectrum.
     fn inverse(
         &self,
         spectrum: &mut Spectrum,
@@ -242,7 +241,8 @@ impl Convolution {
                 }
             }
             for (index, transformed) in block.chunks_exact_mut(half).take(block_rows).enumerate() {
-                // A real image has real values at frequency 0 and at the highest; rounding leaves crumbs there.
+                // A real image has real values at frequency 0 and at the highest frequency; rounding leaves small
+                // imaginary parts.
                 transformed[0].im = 0.0;
                 transformed[half - 1].im = 0.0;
                 let _ = self.rows_inverse.process_with_scratch(transformed, line, &mut scratch[..row_scratch]);
@@ -260,16 +260,16 @@ fn add_product(sum: &mut [Complex<f32>], a: &[Complex<f32>], b: &[Complex<f32>])
 }
 
 impl Convolver {
-    /// The transforms this convolver was made with.
+    /// Plans of the transforms of this convolver.
     pub fn plan(&self) -> &Convolution {
         &self.plan
     }
 
-    /// Encoded images of a stack of objects, shape (n, planes, rows, cols) in photons per pixel, plus `bias` photons.
-    /// The result has shape (n, rows, cols) of the valid region and is never below `bias`.
+    /// Encoded images of a stack of objects, shape (n, planes, rows, cols) in photons per pixel, plus `bias` photons. The
+    /// result has shape (n, rows, cols) of the valid region and is never below `bias`.
     ///
     /// # Errors
-    /// [`SensorError::Shape`] where the objects are not of the planned shape or have other planes than the PSF.
+    /// [`SensorError::Shape`] where the objects do not have the planned shape or the planes of the PSF.
     pub fn measure(&self, objects: ArrayView4<'_, f32>, bias: f64) -> Result<Array3<f32>, SensorError> {
         self.plan.check_objects(&objects)?;
         self.check_planes(objects.len_of(Axis(1)))?;
@@ -282,10 +282,10 @@ impl Convolver {
         Ok(self.measure_each(objects.len_of(Axis(0)), bias, convolve))
     }
 
-    /// As [`Convolver::measure`], for objects whose spectra are known.
+    /// [`Convolver::measure`] for objects with known spectra.
     ///
     /// # Errors
-    /// [`SensorError::Shape`] where the objects have other planes than the PSF.
+    /// [`SensorError::Shape`] where the objects do not have the planes of the PSF.
     pub fn measure_spectra(&self, objects: &ObjectSpectra, bias: f64) -> Result<Array3<f32>, SensorError> {
         for planes in &objects.objects {
             self.check_planes(planes.len())?;
@@ -298,11 +298,11 @@ impl Convolver {
         Ok(self.measure_each(objects.objects.len(), bias, convolve))
     }
 
-    /// Pulls a gradient by the encoded images, shape (n, rows, cols), back to the PSF, shape (planes, rows, cols):
-    /// entry k is the sum over images and pixels p of `cotangent[p]` o(p - k).
+    /// Gradient with respect to the PSF, shape (planes, rows, cols). `cotangent` is the gradient with respect to the
+    /// encoded images, shape (n, rows, cols). Entry k is the sum over images and pixels p of `cotangent[p]` o(p - k).
     ///
     /// # Errors
-    /// [`SensorError::Shape`] where objects and cotangent do not belong together.
+    /// [`SensorError::Shape`] where the shapes of objects and cotangent do not match.
     pub fn psf_cotangent(
         &self,
         objects: ArrayView4<'_, f32>,
@@ -323,7 +323,7 @@ impl Convolver {
             .map_init(
                 || plan.workspace(),
                 |workspace, index| {
-                    // The measurement's first pixel stands at the last row and column of the PSF's reach.
+                    // The first pixel of the measurement lies at the last row and column of the PSF support.
                     let mut placed = ndarray::Array2::<f32>::zeros(plan.object);
                     placed
                         .slice_mut(ndarray::s![psf_rows - 1.., psf_cols - 1..])
@@ -343,7 +343,7 @@ impl Convolver {
                 },
             )
             .collect();
-        // Summed in order, so that the result does not depend on the threads.
+        // Summed in order, so that the result does not depend on the number of threads.
         Ok(parts.into_iter().fold(Array3::zeros((planes, psf_rows, psf_cols)), |sum, part| sum + part))
     }
 
@@ -374,7 +374,7 @@ impl Convolver {
                 plan.inverse(sum, workspace, first_row..first_row + rows, |row, line| {
                     let seen = &line[first_col..first_col + cols];
                     for (pixel, &value) in image.row_mut(row - first_row).iter_mut().zip(seen) {
-                        // Light is not negative; the transforms round.
+                        // Light is not negative, but the transforms round.
                         *pixel = value.max(0.0) + bias;
                     }
                 });

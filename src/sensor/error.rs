@@ -1,8 +1,8 @@
-//! What can be wrong with objects, PSFs and patches together.
+//! Errors of objects, PSFs and patches whose shapes do not match.
 
 use thiserror::Error;
 
-/// Why objects cannot be measured.
+/// Reason why objects cannot be measured.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum SensorError {
     /// The valid region would be empty.
@@ -23,14 +23,14 @@ pub enum SensorError {
     /// Arrays that belong together differ in shape.
     #[error("{what}: expected shape {expected}, found {found}")]
     Shape {
-        /// What was handed over.
+        /// The array.
         what: &'static str,
-        /// The shape that fits.
+        /// The expected shape.
         expected: String,
-        /// The shape that came.
+        /// The shape found.
         found: String,
     },
-    /// A patch that the measurement does not hold.
+    /// The patch is larger than the measurement.
     #[error(
         "patches of {patch_rows} x {patch_cols} pixels do not fit measurements of {rows} x {cols}; use smaller patches"
     )]
@@ -46,7 +46,7 @@ pub enum SensorError {
     },
 }
 
-/// An array that should have had another shape.
+/// The error of an array with the wrong shape.
 pub(super) fn shape_error(what: &'static str, expected: &[usize], found: &[usize]) -> SensorError {
     let text = |shape: &[usize]| shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");
     SensorError::Shape { what, expected: text(expected), found: text(found) }

@@ -1,11 +1,11 @@
-//! Part of an object within the field of view of the sensor.
+//! Part of an object in the field of view of the sensor.
 
 /// Offset from a measurement pixel to its object pixel, (rows, cols).
 ///
-/// `psf` is the shape (rows, cols) of the point spread function. Light that a lenslet in its middle, pixel
-/// (rows / 2, cols / 2), brings to measurement pixel (i, j) comes from object pixel (i, j) plus this: by the valid
-/// convolution, `x(i, j) = sum over k of h(k) o(i + rows - 1 - k_row, j + cols - 1 - k_col)`. It is (15, 15) for a PSF of
-/// 32 x 32 px, so that the 65 x 65 px of a measurement look at the middle of a 96 x 96 object.
+/// `psf` is the shape (rows, cols) of the point spread function. A lenslet at its middle pixel (rows / 2, cols / 2) maps
+/// object pixel (i, j) plus this offset to measurement pixel (i, j). This follows from the valid convolution, `x(i, j) =
+/// sum over k of h(k) o(i + rows - 1 - k_row, j + cols - 1 - k_col)`. The offset is (15, 15) for a PSF of 32 x 32 px. So
+/// the 65 x 65 px of a measurement show the middle of a 96 x 96 object.
 pub fn field_offset(psf: (usize, usize)) -> (usize, usize) {
     let along = |length: usize| length.saturating_sub(1) - length / 2;
     (along(psf.0), along(psf.1))
@@ -17,7 +17,7 @@ mod tests {
     use crate::sensor::Convolution;
     use ndarray::{Array3, Array4};
 
-    /// A mask that is one point in the middle shows every object point where the offset says, for even and odd sides.
+    /// A mask of one point in the middle shows every object point at the offset, for even and odd sides.
     #[test]
     fn a_point_in_the_middle_of_the_mask_shows_the_object_at_the_offset() {
         for (rows, cols) in [(32, 32), (5, 8), (1, 1), (4, 7)] {

@@ -14,5 +14,5 @@ pub use noise::Noise;
 pub use patches::Patches;
 pub use poisson::{ln_factorial, sample_poisson};
 
-/// Background light in photons per pixel that every published measurement carries (Kabuli et al. 2026).
+/// Background in photons per pixel of every published measurement (Kabuli et al. 2026).
 pub const DEFAULT_BIAS: f64 = 10.0;

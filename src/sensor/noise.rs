@@ -15,15 +15,15 @@ use super::poisson::sample_poisson;
 /// Least and largest standard deviation of read noise, photons.
 const LEAST_SIGMA: f64 = 1e-6;
 const MOST_SIGMA: f64 = 1e6;
-/// Read noise below which the sum of it and a count still determines the count, photons. At this one the density of measurements rises and
-/// falls by 1.4 % between counts, which is 0.0001 bits.
+/// Least read noise that hides the whole counts, photons. Below it the sum of read noise and count still determines the
+/// count. At this value the density of measurements rises and falls by 1.4 % between counts, which is 0.0001 bits.
 const LEAST_HIDING_SIGMA: f64 = 0.5;
 
-/// The noise of the sensor. Written `shot`, `read:5`, `shot+read:2` or `none`.
+/// Noise of the sensor. Written `shot`, `read:5`, `shot+read:2` or `none`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Noise {
-    /// No noise; the measurement is the encoded image. Information is then unbounded, so estimates refuse it.
+    /// No noise: the measurement is the encoded image. Information is then unbounded, so estimates refuse it.
     None,
     /// Photon shot noise, `y ~ Poisson(x)`.
     Shot,
@@ -40,14 +40,14 @@ pub enum Noise {
 }
 
 impl Noise {
-    /// Whether photons are counted.
+    /// Whether there is photon shot noise.
     pub fn has_shot_noise(self) -> bool {
         matches!(self, Self::Shot | Self::ShotRead { .. })
     }
 
-    /// The noise by which densities over measurements bound information from above. Read noise only reduces the information of the counts,
-    /// so where it is too weak to hide that they are whole it is left out: densities that do not know of whole counts would
-    /// take them for something told.
+    /// Noise that density models use for an upper bound on information. Read noise only reduces the information of the
+    /// counts. Read noise too weak to hide that counts are whole is omitted: density models that ignore whole counts
+    /// would count them as information.
     #[must_use]
     pub fn bounding(self) -> Self {
         match self {
@@ -64,14 +64,14 @@ impl Noise {
         }
     }
 
-    /// Draws noisy measurements of encoded images, shape (n, rows, cols) in photons per pixel.
+    /// Noisy measurements of encoded images, shape (n, rows, cols) in photons per pixel.
     ///
-    /// Image i draws from stream i of the generator of `seed`: its noise does not depend on the rest of the stack.
+    /// Image i uses stream i of the generator of `seed`, so its noise does not depend on the rest of the stack.
     pub fn draw(self, encoded: ArrayView3<'_, f32>, seed: u64) -> Array3<f32> {
         self.draw_from(encoded, 0, seed)
     }
 
-    /// [`Noise::draw`] for images `first` and following of a stack that is drawn part by part.
+    /// [`Noise::draw`] for the images from `first` on of a stack that is drawn in parts.
     pub fn draw_from(self, encoded: ArrayView3<'_, f32>, first: usize, seed: u64) -> Array3<f32> {
         let mut noisy = encoded.to_owned();
         noisy.axis_iter_mut(Axis(0)).into_par_iter().enumerate().for_each(|(index, mut image)| {

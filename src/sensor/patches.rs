@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::error::SensorError;
 
-/// Where patches are cut: drawn once, so that noisy and noiseless stacks give the same places.
+/// Places of patches. They are drawn once, so that noisy and noiseless stacks are cut at the same places.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Patches {
     shape: (usize, usize),
@@ -46,7 +46,7 @@ impl Patches {
         Ok(Self { shape, corners })
     }
 
-    /// Draws one place per image, in the order of the images: patches that share no object.
+    /// Draws one place per image, in the order of the images. No two patches share an object.
     ///
     /// # Errors
     /// As [`Patches::draw`].
@@ -63,10 +63,10 @@ impl Patches {
         &self.corners
     }
 
-    /// Cuts the patches out of a stack of the dimensions they were drawn for; shape (count, rows, cols).
+    /// Cuts the patches, shape (count, rows, cols), from a stack of the dimensions given to [`Patches::draw`].
     ///
     /// # Panics
-    /// Where the stack is smaller than the one the places were drawn for.
+    /// Where the stack is smaller.
     pub fn cut(&self, stack: ArrayView3<'_, f32>) -> Array3<f32> {
         let images = stack.len_of(Axis(0));
         assert!(self.corners.iter().all(|corner| corner.0 < images), "patches of more than {images} images");
@@ -75,11 +75,11 @@ impl Patches {
         patches
     }
 
-    /// Cuts those whose images are in `stack`, which begins with image `first`, into `patches` of shape (count, rows, cols), where the
-    /// others stay as they are.
+    /// Cuts the patches whose images are in `stack` into `patches` of shape (count, rows, cols). `stack` starts with
+    /// image `first`. The other patches stay unchanged.
     ///
     /// # Panics
-    /// Where the images are smaller than those the places were drawn for, or the patches fewer.
+    /// Where the images are smaller than given to [`Patches::draw`], or the patches fewer.
     pub fn cut_some(&self, first: usize, stack: ArrayView3<'_, f32>, patches: &mut Array3<f32>) {
         let images = first..first + stack.len_of(Axis(0));
         for (mut patch, &(image, row, col)) in patches.axis_iter_mut(Axis(0)).zip(&self.corners) {
@@ -89,10 +89,10 @@ impl Patches {
         }
     }
 
-    /// The transpose of [`Patches::cut`]: adds patches of shape (count, rows, cols) to `stack` at their places.
+    /// Transpose of [`Patches::cut`]: adds patches of shape (count, rows, cols) to `stack` at their places.
     ///
     /// # Panics
-    /// Where the stack is smaller than the one the places were drawn for.
+    /// Where the stack is smaller than given to [`Patches::draw`].
     pub fn add_back(&self, patches: ArrayView3<'_, f64>, stack: &mut Array3<f64>) {
         for (patch, &(image, row, col)) in patches.outer_iter().zip(&self.corners) {
             let mut place = stack.slice_mut(s![image, row..row + self.shape.0, col..col + self.shape.1]);

@@ -1,14 +1,14 @@
-//! Exact Poisson samples, fast enough for every pixel of every mouse move.
+//! Exact Poisson samples, fast enough to sample every pixel at every mouse move.
 //!
 //! Means of at least 10 photons use the modified normal distribution (Ahrens and Dieter, "Computer generation of Poisson
-//! deviates from modified normal distributions", ACM TOMS 8, 1982): nearly all samples are a normal number rounded down
-//! that passes a cubic squeeze, and the rest are settled by exact quotients. Smaller means sum the distribution
-//! up to a uniform number.
+//! deviates from modified normal distributions", ACM TOMS 8, 1982). Nearly all samples are a normal number rounded down
+//! that passes a cubic squeeze. Exact quotients decide the others. Smaller means sum the distribution up to a uniform
+//! number.
 
 use rand::Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
 
-/// Draws from the Poisson distribution of mean `mean` photons. A mean that is 0, negative or NaN gives 0.
+/// Sample from the Poisson distribution of mean `mean` photons. A mean that is 0, negative or NaN gives 0.
 pub fn sample_poisson(mean: f64, random: &mut impl Rng) -> f64 {
     if mean >= 10.0 {
         modified_normal(mean, random)
@@ -28,10 +28,10 @@ fn modified_normal(mean: f64, random: &mut impl Rng) -> f64 {
     let deviation = mean.sqrt();
     let normal: f64 = StandardNormal.sample(random);
     let candidate = mean + deviation * normal;
-    // Truncation is rounding down here, and much cheaper than `floor` without SSE 4.1.
+    // Truncation equals rounding down here, and is much cheaper than `floor` without SSE 4.1.
     let count = candidate as i64 as f64;
-    // Above the mean the Poisson probability exceeds the normal one; below, it falls short by a margin that this cubic
-    // bounds. One test serves both sides: a branch on the side would be guessed wrong half of the time.
+    // Above the mean the Poisson probability exceeds the normal one. Below, it falls short by a margin that this cubic
+    // bounds. One test serves both sides: a branch on the side would be mispredicted half of the time.
     let short = mean - count;
     let u = uniform(random);
     if 6.0 * mean * mean * u >= short * short * short && candidate >= 0.0 {
@@ -47,7 +47,7 @@ fn modified_normal(mean: f64, random: &mut impl Rng) -> f64 {
     double_exponential(mean, deviation, random)
 }
 
-/// Samples from the part of the Poisson distribution that exceeds the normal one, under a double exponential hat.
+/// Samples the part of the Poisson distribution that exceeds the normal one, under a double exponential hat.
 fn double_exponential(mean: f64, deviation: f64, random: &mut impl Rng) -> f64 {
     let quotient = Quotient::new(mean, deviation);
     // Height of the hat; it covers the excess for every mean from 10 on.
@@ -67,8 +67,8 @@ fn double_exponential(mean: f64, deviation: f64, random: &mut impl Rng) -> f64 {
     }
 }
 
-/// The two distributions that are compared: Poisson probabilities, and the discrete normal distribution that is
-/// sampled first, as the expansion of Ahrens and Dieter.
+/// The two compared distributions: Poisson probabilities, and the discrete normal distribution that is sampled first.
+/// Both use the expansion of Ahrens and Dieter.
 struct Quotient {
     mean: f64,
     deviation: f64,
@@ -127,7 +127,7 @@ pub fn ln_factorial(count: f64) -> f64 {
     (count + 0.5) * count.ln() - count + HALF_LN_TAU + inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square / 1260.0))
 }
 
-/// ln k! for k = 0 to 9; beyond, four terms of Stirling's series are exact to 1e-10.
+/// ln k! for k = 0 to 9. Beyond, four terms of Stirling's series are exact to 1e-10.
 const LN_FACTORIALS: [f64; 10] = [
     0.0,
     0.0,
@@ -156,7 +156,8 @@ mod tests {
         }
     }
 
-    /// Pearson's chi-square of a million samples against the distribution, for means on both sides of each method.
+    /// Pearson's chi-square of a million samples against the distribution, for means on both sides of each method's
+    /// limit.
     #[test]
     fn samples_follow_the_distribution() {
         const SAMPLES: usize = 1_000_000;

@@ -1,10 +1,10 @@
-//! The valid convolution and its transpose on plain slices, one image at a time, without taking memory.
+//! Valid convolution and its transpose on plain slices, one image at a time, without allocation.
 
 use ndarray::ArrayView2;
 
 use super::{Convolver, Spectrum, Workspace, add_product};
 
-/// Memory for the convolutions of one thread.
+/// Buffers for the convolutions of one thread.
 pub struct BlurWorkspace {
     workspace: Workspace,
     part: Spectrum,
@@ -12,7 +12,7 @@ pub struct BlurWorkspace {
 }
 
 impl Convolver {
-    /// Memory for [`Convolver::blur`] and [`Convolver::blur_transposed`].
+    /// Buffers for [`Convolver::blur`] and [`Convolver::blur_transposed`].
     pub fn blur_workspace(&self) -> BlurWorkspace {
         BlurWorkspace {
             workspace: self.plan.workspace(),
@@ -21,11 +21,11 @@ impl Convolver {
         }
     }
 
-    /// The valid convolution of one object, (planes, rows, cols), in `out` (rows, cols), without bias. Rounding may leave
-    /// small negative numbers.
+    /// Writes the valid convolution of one object, (planes, rows, cols), without bias into `out` (rows, cols). Rounding
+    /// may leave small negative numbers.
     ///
     /// # Panics
-    /// Where a length is not that of the plan.
+    /// Where a length does not match the plan.
     pub fn blur(&self, object: &[f32], out: &mut [f32], memory: &mut BlurWorkspace) {
         let plan = &self.plan;
         let BlurWorkspace { workspace, part, sum } = memory;
@@ -47,11 +47,10 @@ impl Convolver {
         });
     }
 
-    /// The transpose of [`Convolver::blur`]: takes an image (rows, cols) to all object pixels it was made of, (planes,
-    /// rows, cols).
+    /// Transpose of [`Convolver::blur`]: maps an image (rows, cols) to the object pixels (planes, rows, cols).
     ///
     /// # Panics
-    /// Where a length is not that of the plan.
+    /// Where a length does not match the plan.
     pub fn blur_transposed(&self, image: &[f32], out: &mut [f32], memory: &mut BlurWorkspace) {
         let plan = &self.plan;
         let BlurWorkspace { workspace, part, sum } = memory;
@@ -61,8 +60,8 @@ impl Convolver {
             for ((value, image), psf) in part.iter_mut().zip(sum.iter()).zip(psf) {
                 *value = image * psf.conj();
             }
-            // The image's first pixel stands at the last row and column of the reach of the PSF, so the correlation with
-            // the image at the origin is to be turned by as much.
+            // The first image pixel lies at the last row and column of the PSF support. So the correlation with the image
+            // at the origin is shifted by that offset.
             let (down, right) = (plan.psf.0 - 1, plan.psf.1 - 1);
             let first_col = (plan.extent.1 - right) % plan.extent.1;
             let before_wrap = (plan.extent.1 - first_col).min(cols);
@@ -85,7 +84,7 @@ fn forward(
     workspace: &mut Workspace,
     spectrum: &mut Spectrum,
 ) {
-    // The length is that of the shape, as the callers promise.
+    // Callers guarantee that the length matches the shape.
     if let Ok(image) = ArrayView2::from_shape(shape, image) {
         convolver.plan.forward(image, workspace, spectrum);
     }
