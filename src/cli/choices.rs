@@ -40,7 +40,7 @@ pub enum EncoderChoice {
 }
 
 impl EncoderChoice {
-    /// The file that it is read from.
+    /// File of the mask.
     pub fn file(&self) -> Option<PathBuf> {
         match self {
             Self::Psf(path, _) | Self::Fit(path, _) => {
@@ -79,7 +79,7 @@ impl FromStr for EncoderChoice {
 }
 
 impl EncoderChoice {
-    /// The encoder of a text that need not be UTF-8.
+    /// Encoder of a text that need not be UTF-8.
     fn from_os(text: &OsStr) -> Result<Self, String> {
         let named = text.display();
         let wrong = || format!("mask \"{named}\": expected {CHOICES}");

@@ -121,7 +121,7 @@ struct MeasuredArgs {
 }
 
 impl Arguments {
-    /// Does it.
+    /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         check_patches(self.patches_train, self.patches_test)?;
         check_count("--trials", self.trials, 1..=MOST_TRIALS)?;

@@ -1,4 +1,4 @@
-//! Why a command stopped.
+//! Reasons why a command stopped.
 
 /// Reason why a command stopped; it decides the exit code.
 #[derive(Debug)]

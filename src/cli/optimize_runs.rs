@@ -22,7 +22,7 @@ use crate::workbench::{
     score_in_patches, score_settings, score_whole, write_design,
 };
 
-/// Runs the optimizer in its folder; a run that is there is resumed.
+/// Runs the optimizer in its folder. An existing run is resumed.
 pub(super) fn optimize(
     design: &Design,
     settings: &IdealSettings,
@@ -77,7 +77,7 @@ fn about_state(design: &Design, kept: &RunStore, error: EvaluationError) -> anyh
     }
 }
 
-/// Refuses flags without effect in a run from so many lenslets.
+/// Refuses flags without effect in a run of `lenslets` lenslets.
 pub(super) fn check_effects(settings: &IdealSettings, lenslets: usize) -> anyhow::Result<()> {
     if settings.anisotropic && !settings.free.widths {
         bail!("--anisotropic is for widths that may change; add widths to --free, or leave it out");
@@ -94,7 +94,7 @@ pub(super) fn check_effects(settings: &IdealSettings, lenslets: usize) -> anyhow
 const CURVE: &str = "curve.csv";
 pub(super) const RECORD: &str = "run.json";
 
-/// Paths of all result files of so many starts.
+/// Paths of all result files of `starts` starts.
 pub(super) fn outputs(out: &Path, starts: usize) -> Vec<PathBuf> {
     let own = (1..=starts).filter(|_| starts > 1).map(|number| start_folder(out, number));
     let files = |folder: PathBuf| {
@@ -141,7 +141,7 @@ pub(super) fn write(record: &IdealRecord, folder: &Path) -> anyhow::Result<Vec<P
 
 /// Default time budget of each estimate of a comparison.
 const USUAL_SCORE: Duration = Duration::from_secs(15);
-/// Test patches of each estimate; those of whole measurements take long.
+/// Test patches of each estimate. Whole measurements take long.
 const USUAL_PATCHES: usize = 300;
 
 /// The comparison with these layouts in the default time.
@@ -165,7 +165,7 @@ pub(super) struct Ranking {
     pub failed: usize,
 }
 
-/// The run from a start in its folder, and its score, where that is not `known` yet.
+/// The run from a start in its folder, and its score unless `known` holds it.
 fn ranked_start(
     start: &Start,
     settings: &IdealSettings,
@@ -207,8 +207,8 @@ pub(super) fn format_result(result: &RankedStart) -> String {
     format!("{}{sensor}", result.estimate.summary())
 }
 
-/// Runs from several starts in folders of `out`. Each result is scored in this time, or by a fixed number of steps; `order` stores the
-/// results.
+/// Runs from several starts in folders of `out`. Each result is scored in this time, or by a fixed number of steps.
+/// `order` stores the results.
 pub(super) fn rank(
     starts: &[Start],
     settings: &IdealSettings,
@@ -237,7 +237,7 @@ pub(super) fn rank(
                 records.push((result.name.clone(), record));
                 ranked.push(result);
             }
-            // Results of other starts stay useful.
+            // The results of other starts stay useful.
             Err(error) if starts.len() - failed > 1 => {
                 failed += 1;
                 output::report(format_args!("{error:#}"));
@@ -262,7 +262,7 @@ fn is_same(order: &RunQueue, starts: &[Start], settings: &IdealSettings) -> bool
         && order.starts.iter().zip(starts).all(|(one, other)| one == other)
 }
 
-/// The results with those that are `known` of the starts `ahead`.
+/// The results, with those in `known` for the starts `ahead`.
 fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) -> Vec<RankedStart> {
     let is_ahead = |result: &&RankedStart| ahead.iter().any(|start| start.name == result.name);
     let mut results: Vec<RankedStart> = ranked.iter().chain(known.iter().filter(is_ahead)).cloned().collect();

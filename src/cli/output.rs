@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::failure::Failure;
 use crate::evaluation::format_duration;
 
-/// Prints a result, followed by the end of a line.
+/// Prints a result and a line end.
 ///
 /// # Errors
 /// [`Failure::Closed`] for a closed pipe, [`Failure::Input`] for text that cannot be written.

@@ -1,4 +1,4 @@
-//! Opening files and reading them within bounds.
+//! Opening files and reading them within limits.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -6,13 +6,13 @@ use std::path::Path;
 
 use super::FormatError;
 
-/// Deflate cannot expand one byte to more than this many.
+/// Largest expansion factor of deflate.
 pub(super) const DEFLATE_RATIO: u64 = 1032;
 
-/// Largest number of bytes read from a compressed file, independent of its header.
+/// Largest number of bytes read from a compressed file, whatever its header states.
 pub(super) const LARGEST_UNPACKED_BYTES: u64 = 16 << 30;
 
-/// Opens a regular file and returns it with its length in bytes; folders, pipes and devices are refused.
+/// Opens a regular file and returns it with its length in bytes. Folders, pipes and devices are refused.
 pub(super) fn open(path: &Path) -> Result<(File, u64), FormatError> {
     let metadata = std::fs::metadata(path).map_err(|error| FormatError::from_read(path, error))?;
     if !metadata.is_file() {
@@ -23,10 +23,10 @@ pub(super) fn open(path: &Path) -> Result<(File, u64), FormatError> {
     Ok((file, metadata.len()))
 }
 
-/// All bytes of a file that has at most `most`.
+/// All bytes of a file of at most `most` bytes.
 ///
 /// # Errors
-/// [`FormatError`] where it is not there, is no regular file, cannot be read, or is larger.
+/// [`FormatError`] where the file is missing, not a regular file, unreadable, or larger.
 pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     let (file, length) = open(path)?;
     if length > most {
@@ -38,7 +38,7 @@ pub fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, FormatError> {
     Ok(bytes)
 }
 
-/// The first `N` bytes of the file; zeros stand for what a shorter file lacks.
+/// The first `N` bytes of the file, padded with zeros where the file is shorter.
 pub(super) fn magic<const N: usize>(path: &Path) -> Result<[u8; N], FormatError> {
     let (file, _) = open(path)?;
     let mut start = Vec::with_capacity(N);
@@ -50,7 +50,8 @@ pub(super) fn magic<const N: usize>(path: &Path) -> Result<[u8; N], FormatError>
 
 /// Reads `count` values of `width` bytes, a block at a time.
 ///
-/// Memory grows with the data that arrives unless `length_is_certain` says that the file is known to hold it all.
+/// Memory grows with the data that arrives. It is reserved at once only where `length_is_certain` states that the file
+/// holds all values.
 pub(super) fn read_values<T>(
     reader: &mut dyn Read,
     count: usize,

@@ -10,20 +10,20 @@ use super::{FormatError, ImageFile, PixelStack, Samples};
 /// Rows and columns of a CIFAR image, px.
 const SIDE: usize = 32;
 const PLANE: usize = SIDE * SIDE;
-/// One label byte, then red, green and blue planes.
+/// Size of a record: one label byte, then red, green and blue planes.
 const RECORD_BYTES: usize = 1 + 3 * PLANE;
 const ADVICE: &str = "use the binary version of CIFAR-10 (data_batch_1.bin and the like)";
 
 /// Reads a CIFAR-10 binary batch as grey images of 32 x 32 px (Rec. 709 luma, counts of 0 to 255).
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing or is not a whole number of records of 3073 bytes with labels of 0 to 9.
+/// [`FormatError`] if the file is missing, or is not a whole number of records of 3073 bytes with labels of 0 to 9.
 pub fn read_cifar(path: &Path) -> Result<PixelStack, FormatError> {
     ImageFile::find(path)?.read_cifar()
 }
 
 impl ImageFile {
-    /// Reads the file as a CIFAR-10 binary batch, which its first bytes do not tell.
+    /// Reads the file as a CIFAR-10 binary batch. The format has no signature, so the caller chooses it.
     ///
     /// # Errors
     /// As [`read_cifar`].

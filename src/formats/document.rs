@@ -1,7 +1,7 @@
-//! JSON documents that say what they are: first `format` and `format_version`, then their content.
+//! JSON documents that name their kind: first `format` and `format_version`, then their content.
 //!
-//! Every kind of JSON file that the program writes is a [`DocumentKind`]. Older versions open for ever; newer ones are refused with a
-//! sentence. [`content_key`] names saved work by its content.
+//! Every kind of JSON file that the program writes is a [`DocumentKind`]. Older versions can always be opened; newer
+//! versions are refused with an error sentence. [`content_key`] names saved work by its content.
 
 use std::fmt;
 use std::path::Path;
@@ -18,22 +18,22 @@ use super::{CompleteFile, FormatError};
 pub struct DocumentKind {
     /// Value of the entry `format`, such as "lenslet-studio/design".
     pub format: &'static str,
-    /// Newest `format_version`: the one that is written.
+    /// Newest `format_version`, which is the one written.
     pub version: u64,
-    /// What it is called in sentences, such as "a design".
+    /// Name in sentences, such as "a design".
     pub name: &'static str,
-    /// Whether files without the two entries are documents of this kind: those of the versions before it had them.
+    /// Whether files without the two entries are of this kind. They were written before the kind had these entries.
     pub was_unmarked: bool,
 }
 
-/// Why a JSON value is no document of a kind.
+/// Reason why a JSON value is not a document of a kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Mismatch {
-    /// It is something else, as described.
+    /// It is something else, as described here.
     OtherKind(String),
-    /// A newer program wrote it, in this version of the format.
+    /// It was written by a newer program, in this version of the format.
     Newer(u64),
-    /// Its version cannot be read.
+    /// Its version is unreadable.
     NoVersion,
 }
 
@@ -48,7 +48,7 @@ impl fmt::Display for Mismatch {
 }
 
 impl Mismatch {
-    /// What a person can do about it.
+    /// Advice for the user.
     pub fn advice(&self) -> &'static str {
         match self {
             Self::OtherKind(_) => "choose another file",
@@ -58,7 +58,7 @@ impl Mismatch {
     }
 }
 
-/// A document as it is written.
+/// A document with its two format entries, as written.
 #[derive(Serialize)]
 struct Marked<'a, T> {
     format: &'a str,
@@ -68,7 +68,7 @@ struct Marked<'a, T> {
 }
 
 impl DocumentKind {
-    /// A kind whose files have had `format` and `format_version` from the beginning, in its first version.
+    /// A kind in its first version whose files have always had `format` and `format_version`.
     pub const fn new(format: &'static str, name: &'static str) -> Self {
         Self { format, version: 1, name, was_unmarked: false }
     }
@@ -78,10 +78,10 @@ impl DocumentKind {
         Self { format, version: 1, name, was_unmarked: true }
     }
 
-    /// The version of a document of this kind; 0 for one without marks, where the kind once had none.
+    /// Version of a document of this kind. It is 0 for a document without the two entries, where the kind once had none.
     ///
     /// # Errors
-    /// What the value is instead.
+    /// The mismatch, where the value is another kind of document.
     pub fn version_of(&self, value: &Value) -> Result<u64, Mismatch> {
         match value.get("format").map(Value::as_str) {
             Some(Some(format)) if format == self.format => {}
@@ -96,15 +96,15 @@ impl DocumentKind {
         }
     }
 
-    /// The content of a value that was read from `path`.
+    /// Content of a value that was read from `path`.
     ///
     /// # Errors
-    /// [`FormatError::Malformed`] where it is another kind of document, a newer one, or damaged.
+    /// [`FormatError::Malformed`] where the value is another kind of document, a newer one, or damaged.
     pub fn content<T: DeserializeOwned>(&self, value: Value, path: &Path) -> Result<T, FormatError> {
         let expected = || format!("{} of version {} or earlier", self.name, self.version);
         self.version_of(&value)
             .map_err(|found| FormatError::malformed(path, expected(), found.to_string(), found.advice()))?;
-        // The error begins with the entry that it is about.
+        // The error starts with the entry that it concerns.
         serde_path_to_error::deserialize(value).map_err(|error| {
             FormatError::malformed(path, expected(), error.to_string(), "restore the file from a backup")
         })
@@ -118,12 +118,13 @@ impl DocumentKind {
         self.content(read_json(path)?, path)
     }
 
-    /// Whether the file holds a document of this kind that only a newer program can read. Such a file is never overwritten.
+    /// Whether the file holds a document of this kind that needs a newer program. Such a file is never overwritten.
     pub fn is_newer(&self, path: &Path) -> bool {
         read_json::<Value>(path).is_ok_and(|value| matches!(self.version_of(&value), Err(Mismatch::Newer(_))))
     }
 
-    /// Writes a document of this kind, safely: the file is either the old one or the new one, whole.
+    /// Writes a document of this kind atomically: afterwards the file is either the complete old one or the complete new
+    /// one.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] where it cannot be written.
@@ -131,7 +132,7 @@ impl DocumentKind {
         self.complete(path, content)?.put_in_place()
     }
 
-    /// As [`DocumentKind::write`], up to the name of the file.
+    /// [`DocumentKind::write`] without the final renaming.
     ///
     /// # Errors
     /// As [`DocumentKind::write`].
@@ -139,7 +140,7 @@ impl DocumentKind {
         complete_json(path, &self.marked(content))
     }
 
-    /// The document as a value, for what is put together or compared before it is written.
+    /// The document as a value, for comparison or assembly before it is written.
     ///
     /// # Errors
     /// Where the content has no JSON form.
@@ -147,36 +148,36 @@ impl DocumentKind {
         serde_json::to_value(self.marked(content))
     }
 
-    /// The document in the form in which it is written.
+    /// The document with its two format entries, as written.
     pub fn marked<'a>(&'a self, content: &'a impl Serialize) -> impl Serialize + 'a {
         Marked { format: self.format, format_version: self.version, content }
     }
 }
 
-/// A key of saved work: the BLAKE3 hash of the canonical JSON of what decides its content, in hexadecimal.
+/// Key of saved work: the BLAKE3 hash, in hexadecimal, of the canonical JSON of everything that determines its content.
 ///
-/// Canonical means: the names of all entries in their order by code point, and no blanks. Give the entries fixed names, so that no
-/// change of the code renames them.
+/// Canonical JSON sorts all entry names by code point and has no blanks. Entries need fixed names, so that no change of
+/// the code renames them.
 pub fn content_key(content: &Value) -> String {
-    // Objects of serde_json are sorted by name.
+    // serde_json sorts the entries of objects by name.
     blake3::hash(content.to_string().as_bytes()).to_hex().to_string()
 }
 
-/// The JSON of a value, for [`content_key`]; `null` where it has none.
+/// JSON of a value, for [`content_key`]; `null` where it has none.
 pub fn json_of(value: &impl Serialize) -> Value {
     serde_json::to_value(value).unwrap_or_default()
 }
 
-/// Entries of a list that older programs wrote as a bare array.
+/// Entries of a list. Older programs wrote it as a bare array.
 #[derive(Deserialize)]
 #[serde(untagged)]
 pub enum Listed<T> {
-    /// As written today.
+    /// The current form.
     Entries {
         /// The entries.
         entries: Vec<T>,
     },
-    /// As written before the kind had marks.
+    /// The form without format entries.
     Bare(Vec<T>),
 }
 

@@ -1,4 +1,4 @@
-//! A folder with a file for each of many documents of one kind, of which the newest are listed.
+//! A folder with one file per document of one kind. The newest documents are listed.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -7,39 +7,39 @@ use serde::de::DeserializeOwned;
 
 use super::{DocumentKind, FormatError};
 
-/// Ending of the files.
+/// Extension of the files.
 const ENDING: &str = "json";
 
 /// The folder.
 #[derive(Clone, Debug)]
 pub struct DocumentFolder {
-    /// Where the files lie.
+    /// Path of the folder.
     pub folder: PathBuf,
-    /// What they hold.
+    /// Kind of the documents.
     pub kind: DocumentKind,
-    /// Most documents that are listed; older ones stay in their files.
+    /// Largest number of listed documents. Older ones stay in their files.
     pub most: usize,
 }
 
-/// What was found in the folder.
+/// Documents found in the folder.
 #[derive(Debug)]
 pub struct FoundDocuments<T> {
     /// The newest documents with the names of their files, oldest first.
     pub documents: Vec<(String, T)>,
-    /// Number of files that cannot be read; they are left as they are.
+    /// Number of unreadable files, which stay as they are.
     pub unreadable: usize,
-    /// Number of files that are older than the listed ones.
+    /// Number of files older than the listed ones.
     pub unlisted: usize,
 }
 
 impl DocumentFolder {
-    /// The name of a new file. Sorted by name, files are in the order in which they were made.
+    /// Name of a new file. The order of names is the order of creation.
     pub fn new_name() -> String {
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
         format!("{:024}-{}.{ENDING}", now.as_nanos(), std::process::id())
     }
 
-    /// Reads the newest documents; those that `is_usable` refuses count as unreadable.
+    /// Reads the newest documents. Documents that `is_usable` refuses count as unreadable.
     ///
     /// # Errors
     /// Where the folder cannot be read.

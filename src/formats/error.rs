@@ -3,13 +3,13 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A file that could not be read or written. The text is `PATH: expected X, found Y; WHAT TO DO`.
+/// Error of reading or writing a file. The text is `PATH: expected X, found Y; WHAT TO DO`.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// There is no file of this name.
     #[error("{}: expected a file, found nothing; check the name and the folder", .path.display())]
     NotFound {
-        /// The name that was asked for.
+        /// The requested name.
         path: PathBuf,
     },
     /// The system refused to read the file.
@@ -17,29 +17,29 @@ pub enum FormatError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         reason: io::Error,
     },
-    /// The file can be read but does not hold what its name or header promises.
+    /// The file is readable but does not hold what its name or header states.
     #[error("{}: expected {expected}, found {found}; {advice}", .path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What the reader needed at this place.
+        /// The content that the reader needs here.
         expected: String,
-        /// What the file holds instead.
+        /// The content found.
         found: String,
-        /// What the user can do.
+        /// Advice for the user.
         advice: String,
     },
-    /// The file was not written; an earlier file of that name is as it was.
+    /// The file was not written. An earlier file of that name is unchanged.
     #[error("{}: expected to write the file, found \"{reason}\"; {advice}", .path.display())]
     NotWritten {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         reason: io::Error,
-        /// What the user can do.
+        /// Advice for the user.
         advice: String,
     },
     /// Another program writes into the folder.
@@ -69,7 +69,7 @@ impl FormatError {
         }
     }
 
-    /// Whether it may be different another time: the disk is full or not there, or somebody else is at it.
+    /// Whether a repetition may succeed: the disk is full or missing, or another program uses the file.
     pub fn may_pass(&self) -> bool {
         !matches!(self, Self::Malformed { .. })
     }
@@ -84,13 +84,13 @@ impl FormatError {
         Self::Malformed {
             path: path.to_path_buf(),
             expected: expected.into(),
-            // Messages of decoders may run over several lines; this one is a sentence.
+            // Messages of decoders may have several lines; this one is a sentence.
             found: found.into().split_whitespace().collect::<Vec<_>>().join(" "),
             advice: advice.into(),
         }
     }
 
-    /// The error of a failed read: a missing or damaged file is distinguished from a failing disk.
+    /// The error of a failed read. A missing or damaged file is distinguished from a failing disk.
     pub(crate) fn from_read(path: &Path, reason: io::Error) -> Self {
         match reason.kind() {
             io::ErrorKind::NotFound => Self::NotFound { path: path.to_path_buf() },

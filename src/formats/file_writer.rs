@@ -1,4 +1,5 @@
-//! One thread that writes files in the background: the newest content of each, safely, and again where that failed.
+//! A background thread that writes files atomically. It writes the newest content of each file, and repeats failed
+//! writes.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -9,18 +10,18 @@ use std::time::{Duration, Instant};
 
 use super::{FormatError, remove_if_there, write_safely};
 
-/// Makes the content of a file, on the thread that writes it; none leaves the file as it is.
+/// Function that makes the content of a file, on the writing thread. `None` leaves the file unchanged.
 pub type FileContent = Box<dyn FnOnce() -> Option<Vec<u8>> + Send>;
-/// Runs on that thread once the file is as it was asked for.
+/// Function that runs on the writing thread once the request is fulfilled.
 pub type AfterWrite = Box<dyn FnOnce() + Send>;
 
-/// Time until a write that failed is tried again.
+/// Time after which a failed write is repeated.
 const RETRY_AFTER: Duration = Duration::from_secs(5);
 
-/// What is to become of a file.
+/// Requested content of a file.
 enum Content {
     Make(FileContent),
-    /// Made, but not yet written: an earlier attempt failed.
+    /// Content made but not yet written, because an earlier attempt failed.
     Made(Vec<u8>),
     Removed,
 }
@@ -29,27 +30,27 @@ enum Content {
 struct Task {
     content: Content,
     then: Option<AfterWrite>,
-    /// Not before this.
+    /// Earliest time of the task.
     due: Option<Instant>,
 }
 
-/// What the thread and its owner share.
+/// Data shared by the thread and its owner.
 #[derive(Default)]
 struct Queue {
     /// The newest task of each file.
     tasks: BTreeMap<PathBuf, Task>,
-    /// The file that is being written.
+    /// Whether a file is being written.
     busy: bool,
     stop: bool,
-    /// When a file was last written.
+    /// Time of the last write.
     written: Option<Instant>,
-    /// Why the last write failed, until it is asked for.
+    /// Reason why the last write failed, until it is taken.
     failure: Option<String>,
-    /// The same, so that it is reported once.
+    /// The last reported failure, so that it is reported only once.
     reported: Option<String>,
 }
 
-/// What to do next.
+/// Next step of the thread.
 enum Next {
     Do(PathBuf, Task),
     Wait(Option<Duration>),
@@ -57,7 +58,7 @@ enum Next {
 }
 
 impl Queue {
-    /// The next task at a time. The last one of all is followed by the end, where it was asked for.
+    /// The next task at a time. After the last task the thread ends, if that was requested.
     fn next(&mut self, now: Instant, every: Duration) -> Next {
         let paced = self.written.map(|at| at + every);
         let due = |task: &Task| match task.content {
@@ -75,7 +76,7 @@ impl Queue {
         }
     }
 
-    /// Notes how a task ended at a time; one that failed stays, unless there is a newer one of its file or no time.
+    /// Records the result of a task at a time. A failed task stays, unless its file has a newer task or no time is left.
     fn note(&mut self, path: PathBuf, task: Task, error: Option<FormatError>, now: Instant) {
         self.busy = false;
         if matches!(task.content, Content::Make(_) | Content::Made(_)) {
@@ -98,7 +99,7 @@ impl Queue {
 }
 
 impl Task {
-    /// Does it. What comes back is the task as it is to be tried again, and why it failed, if it did.
+    /// Runs the task. Returns the task for a repetition, and the error if it failed.
     fn run(mut self, path: &Path) -> (Self, Option<FormatError>) {
         let done = match std::mem::replace(&mut self.content, Content::Removed) {
             Content::Removed => remove_if_there(path),
@@ -123,17 +124,18 @@ impl Task {
     }
 }
 
-/// Writes and removes files on a thread of its own. Dropping it does what is left to do, without waiting, and ends the thread.
+/// Writes and removes files on a thread of its own. Dropping it performs the remaining tasks without delay, and ends the
+/// thread.
 pub struct FileWriter {
     queue: Arc<(Mutex<Queue>, Condvar)>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl FileWriter {
-    /// A writer whose thread has this name and writes one file at most every so often.
+    /// A writer with a named thread that writes at most one file per `every`.
     ///
     /// # Errors
-    /// Where the operating system gives no thread.
+    /// Where the operating system provides no thread.
     pub fn start(name: &str, every: Duration) -> io::Result<Self> {
         let queue: Arc<(Mutex<Queue>, Condvar)> = Arc::default();
         let shared = Arc::clone(&queue);
@@ -141,12 +143,12 @@ impl FileWriter {
         Ok(Self { queue, thread: Some(thread) })
     }
 
-    /// Writes a file soon, in place of what was last asked for it; `then` runs once it is written.
+    /// Requests that a file be written soon, in place of its earlier request. `then` runs after the write.
     pub fn write(&self, path: PathBuf, content: FileContent, then: Option<AfterWrite>) {
         self.put(path, Task { content: Content::Make(content), then, due: None });
     }
 
-    /// Removes a file at once; one that is not there is fine.
+    /// Requests that a file be removed at once. A missing file is no error.
     pub fn remove(&self, path: PathBuf, then: Option<AfterWrite>) {
         self.put(path, Task { content: Content::Removed, then, due: None });
     }
@@ -156,20 +158,20 @@ impl FileWriter {
         self.queue.1.notify_all();
     }
 
-    /// Whether all files are as they were last asked for.
+    /// Whether all requests are fulfilled.
     pub fn is_idle(&self) -> bool {
         let queue = lock(&self.queue.0);
         queue.tasks.is_empty() && !queue.busy
     }
 
-    /// Why the last write failed, once.
+    /// Reason why the last write failed, reported once.
     pub fn take_failure(&self) -> Option<String> {
         lock(&self.queue.0).failure.take()
     }
 }
 
 impl FileWriter {
-    /// Does what is left to do, without waiting, and ends the thread; nothing is written after that.
+    /// Performs the remaining tasks without delay, and ends the thread. Nothing is written after that.
     pub fn finish(&mut self) {
         lock(&self.queue.0).stop = true;
         self.queue.1.notify_all();
@@ -185,7 +187,7 @@ impl Drop for FileWriter {
     }
 }
 
-/// The thread.
+/// Body of the thread.
 fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration) {
     let mut guard = lock(queue);
     loop {
@@ -206,7 +208,7 @@ fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration) {
     }
 }
 
-/// Files are written even where another thread ended in a panic while it held the queue.
+/// The lock of the queue. A panic of another thread that held it does not stop the writes.
 fn lock(queue: &Mutex<Queue>) -> MutexGuard<'_, Queue> {
     queue.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -226,7 +228,7 @@ mod tests {
         Task { content, then: None, due: None }
     }
 
-    /// Writes what is due at a time, and returns the time until the next write.
+    /// Performs the tasks that are due at a time, and returns the time until the next write.
     fn do_all(queue: &mut Queue, now: Instant) -> Option<Duration> {
         loop {
             match queue.next(now, EVERY) {
@@ -290,7 +292,7 @@ mod tests {
         assert_eq!(std::fs::read(&path).unwrap(), b"three");
         assert_eq!(told.try_iter().last(), Some("three"));
         assert!(!folder.path().join("b").exists());
-        // A folder in the place of a file does not keep the program from ending.
+        // A folder in place of a file does not keep the program from ending.
         let writer = FileWriter::start("test-writer", EVERY).unwrap();
         writer.write(folder.path().to_path_buf(), Box::new(|| Some(Vec::new())), None);
         drop(writer);

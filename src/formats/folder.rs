@@ -4,13 +4,13 @@ use std::path::Path;
 
 use super::{FormatError, ImageFile};
 
-/// Endings of files that hold images.
+/// Extensions of files that hold images.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "npz"];
 
-/// The image files that a path names: those of a folder by their names, in the order of these, or the file itself.
+/// Image files of a path: those of a folder, sorted by name, or the file itself.
 ///
-/// Hidden files are left out: names that begin with a dot, among them `._*` that macOS leaves on other disks. The
-/// options of the path hold for all of them.
+/// Hidden files are omitted: names that start with a dot, among them the `._*` files that macOS leaves on other disks.
+/// The options of the path apply to all files.
 ///
 /// # Errors
 /// [`FormatError`] if there is no such file or folder, or the folder cannot be read.

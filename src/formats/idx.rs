@@ -11,14 +11,14 @@ use super::npy_header::element_count;
 use super::{FormatError, ImageFile, PixelStack, Samples};
 
 const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
-/// What is expected, for messages.
+/// Expected content, for error sentences.
 const IMAGES: &str = "IDX images (3 axes)";
 
-/// Reads IDX images of shape (pages, rows, cols), plain or gzipped; unsigned bytes keep their width.
+/// Reads IDX images of shape (pages, rows, cols), plain or gzipped. Unsigned bytes keep their width.
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing, damaged, or holds anything but three axes (labels, say), or if its length
-/// is not the one its header gives.
+/// [`FormatError`] if the file is missing or damaged, has other than three axes (labels, for example), or has not the
+/// length stated in its header.
 pub fn read_idx(path: &Path) -> Result<PixelStack, FormatError> {
     let file = ImageFile::find(path)?;
     file.check_options(false, false)?;
@@ -104,7 +104,7 @@ fn read(
         .map(Samples::F32),
     }
     .map_err(|error| FormatError::from_read(path, error))?;
-    // One byte more tells a longer file, and makes a packed one compare its check sum.
+    // Reading one more byte detects a longer file, and makes a gzip reader compare its checksum.
     match reader.read(&mut [0]) {
         Ok(0) => PixelStack::interleaved(source, [pages, rows, cols], samples, 1),
         Ok(_) => Err(malformed("a file as long as its header says", format!("more than {} bytes", bytes + 16))),

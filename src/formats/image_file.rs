@@ -1,4 +1,4 @@
-//! The file or folder that a path names, with what the path says of its meaning: `FILE?axis=last&key=psf`.
+//! The file or folder of a path, with its meaning as stated in the path: `FILE?axis=last&key=psf`.
 
 use std::ffi::OsStr;
 use std::fmt::Write;
@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use super::FormatError;
 
-/// What may stand behind the question mark, for messages.
+/// Options after the question mark, for error sentences.
 const CHOICES: &str =
     "axis=first, last or a number, key=NAME, channel=red, green, blue, alpha, luma or a number, or frame=NUMBER";
 
-/// Which axis of an array counts the images.
+/// Axis of an array that counts the images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameAxis {
     /// The axis of this number; the first is 1.
@@ -20,7 +20,7 @@ pub enum FrameAxis {
 }
 
 impl FrameAxis {
-    /// The axis among `count` axes, counted from 0.
+    /// Index of the axis among `count` axes, from 0.
     pub(super) fn index(self, count: usize) -> Option<usize> {
         match self {
             Self::Number(number) => number.checked_sub(1).filter(|&index| index < count),
@@ -46,7 +46,7 @@ pub enum Channel {
     Number(usize),
 }
 
-/// How a file is to be understood where it does not say so itself.
+/// Interpretation of a file where the file itself does not state it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Meaning {
     /// Axis of an array that counts the images.
@@ -55,7 +55,7 @@ pub struct Meaning {
     pub key: Option<String>,
     /// Channel of colour images.
     pub channel: Option<Channel>,
-    /// The only image that is read; the first is 1.
+    /// The only image that is read, numbered from 1.
     pub frame: Option<usize>,
 }
 
@@ -98,24 +98,24 @@ impl Meaning {
     }
 }
 
-/// A file or folder and how it is to be understood.
+/// A file or folder and its interpretation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageFile {
     /// The file or folder.
     pub path: PathBuf,
-    /// How it is to be understood.
+    /// Its interpretation.
     pub meaning: Meaning,
 }
 
 impl ImageFile {
-    /// The file or folder that a path names.
+    /// Finds the file or folder of a path.
     ///
-    /// A file of that very name wins. Otherwise the text after the last `?` is the [`Meaning`], and `%3F` stands for
-    /// a question mark in the name, `%25` for a percent sign, any `%XX` for a byte.
+    /// An existing file of that exact name takes precedence. Otherwise the text after the last `?` is the [`Meaning`]. In
+    /// the name, `%3F` stands for a question mark, `%25` for a percent sign, and any `%XX` for a byte.
     ///
     /// # Errors
-    /// [`FormatError::NotFound`] where there is no such file, [`FormatError::Malformed`] where the file is there and
-    /// its meaning is not understood.
+    /// [`FormatError::NotFound`] where there is no such file. [`FormatError::Malformed`] where the file exists and its
+    /// meaning is not understood.
     pub fn find(named: &Path) -> Result<Self, FormatError> {
         let exact = |path: PathBuf| Self { path, meaning: Meaning::default() };
         if named.symlink_metadata().is_ok() {
@@ -156,7 +156,7 @@ impl ImageFile {
     }
 }
 
-/// A path as text from which [`ImageFile::find`] finds it again; its name may hold any bytes.
+/// A path as text that [`ImageFile::find`] reads back. Its name may hold any bytes.
 pub fn path_text(path: &Path) -> String {
     if let Some(text) = path.to_str() {
         return text.to_owned();
@@ -176,22 +176,22 @@ pub fn path_text(path: &Path) -> String {
     text
 }
 
-/// The kind before the first colon of a text such as `stack:FILE`, and the path behind it, which may hold any bytes; none
-/// without a colon.
+/// The kind before the first colon of a text such as `stack:FILE`, and the path after it, which may hold any bytes.
+/// `None` without a colon.
 pub fn split_kind(text: &OsStr) -> Option<(&str, PathBuf)> {
     let bytes = text.as_encoded_bytes();
     let colon = bytes.iter().position(|&byte| byte == b':')?;
     Some((str::from_utf8(&bytes[..colon]).ok()?, path_of(bytes[colon + 1..].to_vec())?))
 }
 
-/// A path without what follows its last `mark`, and that; none without the mark.
+/// A path without its last `mark` and the text after it, and that text. `None` without the mark.
 pub fn split_end(path: &Path, mark: u8) -> Option<(PathBuf, &str)> {
     let bytes = path.as_os_str().as_encoded_bytes();
     let at = bytes.iter().rposition(|&byte| byte == mark)?;
     Some((path_of(bytes[..at].to_vec())?, str::from_utf8(&bytes[at + 1..]).ok()?))
 }
 
-/// `%XX` as the byte XX; everything else as it is.
+/// Bytes with each `%XX` replaced by the byte XX.
 fn percent_decoded(bytes: &[u8]) -> Vec<u8> {
     let digit = |byte: Option<&u8>| byte.and_then(|&byte| char::from(byte).to_digit(16));
     let (mut decoded, mut at) = (Vec::with_capacity(bytes.len()), 0);
@@ -207,7 +207,7 @@ fn percent_decoded(bytes: &[u8]) -> Vec<u8> {
     decoded
 }
 
-/// The path of these bytes, where the system has such paths.
+/// The path of these bytes, where the system supports such paths.
 #[cfg(unix)]
 #[allow(clippy::unnecessary_wraps, reason = "not every system has a path for any bytes")]
 fn path_of(bytes: Vec<u8>) -> Option<PathBuf> {
@@ -215,7 +215,7 @@ fn path_of(bytes: Vec<u8>) -> Option<PathBuf> {
     Some(std::ffi::OsString::from_vec(bytes).into())
 }
 
-/// The path of these bytes, where the system has such paths.
+/// The path of these bytes, where the system supports such paths.
 #[cfg(not(unix))]
 fn path_of(bytes: Vec<u8>) -> Option<PathBuf> {
     String::from_utf8(bytes).ok().map(PathBuf::from)

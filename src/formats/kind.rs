@@ -1,4 +1,4 @@
-//! What a file is by its content, for error sentences about a file of another kind.
+//! Recognition of file kinds by content, for error sentences about unexpected kinds.
 
 use std::fmt::Write as _;
 use std::io::Read;
@@ -9,13 +9,13 @@ use flate2::read::GzDecoder;
 use super::FormatError;
 use super::bytes::open;
 
-/// Bytes of the start of a file that are looked at.
+/// Number of bytes read from the start of a file.
 const HEAD_BYTES: u64 = 4096;
 /// Records of CIFAR-10 and CIFAR-100: one or two labels and three planes of 32 x 32 px.
 const CIFAR_10_RECORD: u64 = 1 + 3 * 1024;
 const CIFAR_100_RECORD: u64 = 2 + 3 * 1024;
 
-/// What a file is and what makes something of it that can be read.
+/// Kind of a file and the advice to make it readable.
 #[derive(Debug, PartialEq, Eq)]
 struct Kind {
     what: String,
@@ -26,9 +26,9 @@ fn kind(what: impl Into<String>, advice: &'static str) -> Kind {
     Kind { what: what.into(), advice }
 }
 
-/// The error of a file of another kind: names the kind found and what to do.
+/// The error of a file of another kind. It names the kind found and the advice.
 ///
-/// The error says so where the file cannot be read at all.
+/// For an unreadable file it states that instead.
 pub fn named_for_what_it_is(path: &Path, expected: &str) -> FormatError {
     let head = || {
         let (file, length) = open(path)?;
@@ -132,7 +132,7 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
         [b'P', b'f' | b'F', blank, ..] if blank.is_ascii_whitespace() => return kind("a PFM image", AS_FLOAT),
         _ => {}
     }
-    // Protocol 2 and later begin with the opcode PROTO.
+    // Protocol 2 and later start with the opcode PROTO.
     if let [0x80, 2..=5, ..] = head {
         let of_cifar = [&b"batch_label"[..], b"fine_labels", b"label_names", b"data"]
             .iter()
@@ -164,10 +164,10 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
     }
 }
 
-/// What is in a gzip file.
+/// Kind of the content of a gzip file.
 fn packed(head: &[u8]) -> Kind {
     let mut inner = Vec::new();
-    // The start of the file is cut off somewhere, so that an error comes after what could be unpacked.
+    // The start of the file is cut at an arbitrary byte. So an error follows after the part that unpacks.
     let _ = GzDecoder::new(head).take(HEAD_BYTES).read_to_end(&mut inner);
     if inner.starts_with(&[0x1f, 0x8b]) {
         return kind("a file that was gzipped twice", "run gunzip on it once");
@@ -179,12 +179,12 @@ fn packed(head: &[u8]) -> Kind {
     kind(format!("a gzip file with {} inside", inside.what), "run gunzip on it")
 }
 
-/// What a text is; none where it is no text.
+/// Kind of a text; `None` where it is not text.
 fn text_kind(head: &[u8]) -> Option<Kind> {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
     let valid = match str::from_utf8(head) {
         Ok(text) => text,
-        // The last letter may be cut off.
+        // The last character may be cut.
         Err(error) if head.len() - error.valid_up_to() < 4 => str::from_utf8(&head[..error.valid_up_to()]).ok()?,
         Err(_) => return None,
     };

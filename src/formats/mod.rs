@@ -1,8 +1,8 @@
 //! Array, image and table files, and atomic writing.
 //!
-//! Every reader checks what a header claims against the length of the file before it reserves memory, and returns a
-//! [`FormatError`] of one sentence for a file that it cannot read. Values are those of the file (counts
-//! of the camera, NaN included); what they mean is decided by the caller.
+//! Every reader checks the sizes in a header against the length of the file before it reserves memory. It returns a
+//! [`FormatError`] of one sentence for a file that it cannot read. Values are those of the file (counts of the camera,
+//! NaN included); the caller decides on their meaning.
 
 mod bytes;
 mod cifar;

@@ -12,11 +12,11 @@ use super::raw_array::RawArray;
 use super::write::{CompleteFile, SafeFile};
 use super::{FormatError, Samples, Understood};
 
-/// Reads an array file (NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C or
-/// Fortran order) as `f32`. NaN and infinities are passed on.
+/// Reads an array file as `f32`: NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C
+/// or Fortran order. NaN and infinities stay.
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing, is not NPY, is cut short or holds another number type.
+/// [`FormatError`] if the file is missing, is not NPY, is truncated or holds another number type.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>, FormatError> {
     let (file, length) = open(path)?;
     let mut reader = BufReader::new(file);
@@ -33,7 +33,7 @@ pub(super) fn read_raw(path: &Path) -> Result<RawArray, FormatError> {
     raw(path, header, &mut reader, true)
 }
 
-/// Reads the elements behind a header.
+/// Reads the elements after a header.
 pub(super) fn raw(
     path: &Path,
     header: NpyHeader,
@@ -64,7 +64,7 @@ pub(super) fn header(path: &Path, reader: &mut dyn Read, available: u64) -> Resu
         .map_err(|Mismatch { expected, found, advice }| FormatError::malformed(path, expected, found, advice))
 }
 
-/// Reads the elements behind a header.
+/// Reads the elements after a header.
 pub(super) fn values<T>(
     header: &NpyHeader,
     reader: &mut dyn Read,
@@ -95,24 +95,24 @@ fn row_major<T: Clone>(path: &Path, header: &NpyHeader, values: io::Result<Vec<T
     Ok(arrange(path, header, values)?.into_iter().collect())
 }
 
-/// Writes an array file of little-endian `f32` in C order, as NumPy itself would.
+/// Writes an array file of little-endian `f32` in C order, like NumPy.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`]; an earlier file of that name is then as it was.
+/// [`FormatError::NotWritten`]; an earlier file of that name is then unchanged.
 pub fn write_array<D: Dimension>(path: &Path, array: ArrayView<f32, D>) -> Result<(), FormatError> {
     let mut writer = ArrayWriter::create(path, array.shape())?;
     writer.append(array)?;
     writer.finish()
 }
 
-/// Writes an array file part by part, for arrays that are larger than memory should hold.
+/// Writer of an array file in parts, for arrays too large for memory.
 ///
-/// The file appears under its name when [`ArrayWriter::finish`] is called, and not at all where it is not.
+/// [`ArrayWriter::finish`] puts the file in place. Without it no file appears.
 pub struct ArrayWriter {
     path: PathBuf,
     file: SafeFile,
     writer: BufWriter<File>,
-    /// Elements that the shape still promises.
+    /// Number of missing elements.
     left: u64,
 }
 
@@ -132,7 +132,7 @@ impl ArrayWriter {
         started().map_err(|error| FormatError::from_write(path, error))
     }
 
-    /// Adds elements behind those that are there, in C order of `part`.
+    /// Appends the elements of `part` in C order.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if the disk is full or the shape holds no more elements.
@@ -147,7 +147,7 @@ impl ArrayWriter {
         written.map_err(|error| FormatError::from_write(&self.path, error))
     }
 
-    /// Completes the file.
+    /// Completes the file and puts it in place.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if elements are missing or the file cannot be put in place.
@@ -155,7 +155,7 @@ impl ArrayWriter {
         self.complete()?.put_in_place()
     }
 
-    /// Brings all elements to the disk, under no name yet.
+    /// Writes all elements to the disk, without giving the file its name.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if elements are missing or the disk is full.

@@ -1,13 +1,13 @@
 //! The header of a NumPy array file (NEP 1, versions 1 to 3).
 //!
-//! The header is a Python dictionary of three known keys, so a reader of just that text is enough: it takes neither
-//! nested values nor more than a fixed length, and so cannot be led to exhaust stack or memory.
+//! The header is a Python dictionary of three known keys, and this reader accepts only that text. It refuses nested
+//! values and texts beyond a fixed length, so no header can exhaust stack or memory.
 
 use std::io::{self, Read};
 
 pub(super) const ADVICE: &str = "write the array again with numpy.save";
 
-/// Longest header text taken, bytes; NumPy pads its own to 64 or 128.
+/// Longest accepted header text, bytes. NumPy pads its headers to 64 or 128.
 const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
 const MAGIC: &[u8] = b"\x93NUMPY";
 /// NumPy's own limit on the number of axes.
@@ -59,7 +59,7 @@ impl Element {
         })
     }
 
-    /// The type for people, where it is none of [`super::Samples`].
+    /// Name of the type, where it is none of [`super::Samples`].
     pub(super) fn for_people(self) -> Option<&'static str> {
         match self {
             Self::U8 | Self::U16 | Self::F32 => None,
@@ -75,7 +75,7 @@ impl Element {
         }
     }
 
-    /// The value of the little-endian bytes of one element (eight bytes, the unused ones zero).
+    /// Value of one element from its little-endian bytes (eight bytes, the unused ones zero).
     pub(super) fn value(self, bytes: [u8; 8]) -> f64 {
         let [a, b, c, d, ..] = bytes;
         match self {
@@ -95,7 +95,7 @@ impl Element {
     }
 }
 
-/// The value of a 16-bit float (IEEE 754 binary16).
+/// Value of a 16-bit float (IEEE 754 binary16).
 fn half(bits: u16) -> f64 {
     let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff) / 1024.0);
     let size = match exponent {
@@ -107,7 +107,7 @@ fn half(bits: u16) -> f64 {
     if bits >> 15 == 0 { size } else { -size }
 }
 
-/// What is in an array whose number type (`descr` without its byte order) is not read, and what to do.
+/// Description of an array whose number type (`descr` without its byte order) is not supported, and advice.
 fn unread_type(descr: &str) -> (String, &'static str) {
     const NUMBERS: &str = "save an array of numbers";
     let (what, advice) = match descr.as_bytes().first() {
@@ -122,7 +122,7 @@ fn unread_type(descr: &str) -> (String, &'static str) {
     (format!("{what} ({descr:?})"), advice)
 }
 
-/// What the header says about the array behind it.
+/// Content of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct NpyHeader {
     pub(super) element: Element,
@@ -133,14 +133,15 @@ pub(super) struct NpyHeader {
     pub(super) count: usize,
 }
 
-/// Product of the axes, if an array of them can be addressed: as `ndarray` asks, also without its empty axes.
+/// Product of the axes, where memory can address an array of them. As in `ndarray`, this holds also without its empty
+/// axes.
 pub(super) fn element_count(shape: &[usize], width: usize) -> Option<usize> {
     let bytes = shape.iter().try_fold(width, |product, &axis| product.checked_mul(axis.max(1)))?;
     isize::try_from(bytes).ok()?;
     Some(shape.iter().product())
 }
 
-/// A header of version 1 for little-endian `f32` in C order, padded to a multiple of 64 bytes as NumPy does.
+/// Header of version 1 for little-endian `f32` in C order, padded to a multiple of 64 bytes as by NumPy.
 pub(super) fn header_of_f32(shape: &[usize]) -> io::Result<Vec<u8>> {
     let axes = match shape {
         [only] => format!("({only},)"),
@@ -155,14 +156,14 @@ pub(super) fn header_of_f32(shape: &[usize]) -> io::Result<Vec<u8>> {
     Ok([MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat())
 }
 
-/// A header that is not read.
+/// Reason why a header is refused.
 #[derive(Debug)]
 pub(super) struct Mismatch {
-    /// What was expected.
+    /// Expected content.
     pub(super) expected: String,
-    /// What was found instead.
+    /// Found content.
     pub(super) found: String,
-    /// What to do.
+    /// Advice.
     pub(super) advice: &'static str,
 }
 
@@ -171,8 +172,8 @@ fn mismatch(expected: impl Into<String>, found: impl Into<String>) -> Mismatch {
 }
 
 impl NpyHeader {
-    /// Reads a header from the start of an array of `available` bytes, header included, and checks that the elements
-    /// it promises fit into the rest.
+    /// Reads a header from the start of an array of `available` bytes, header included. Checks that the stated elements
+    /// fit into the rest.
     pub(super) fn read(reader: &mut dyn Read, available: u64) -> Result<Self, Mismatch> {
         let cut = |_| mismatch("a complete NPY header", "the end of the file");
         let mut start = [0; 8];
@@ -249,7 +250,7 @@ impl NpyHeader {
         Ok(Self { element, big_endian, fortran_order, shape, count })
     }
 
-    /// The element of these bytes in the byte order of the file.
+    /// Element of these bytes in the byte order of the file.
     pub(super) fn value(&self, bytes: &[u8]) -> f64 {
         let mut element = [0; 8];
         element[..bytes.len()].copy_from_slice(bytes);
@@ -260,7 +261,7 @@ impl NpyHeader {
     }
 }
 
-/// The header text that is not yet read.
+/// Unread rest of the header text.
 struct Text<'a> {
     left: &'a [u8],
 }
@@ -300,7 +301,7 @@ impl Text<'_> {
         let length = self.left[1..].iter().position(|&byte| byte == quote).ok_or_else(|| wanted(self))?;
         let string = String::from_utf8_lossy(&self.left[1..=length]).into_owned();
         self.left = &self.left[length + 2..];
-        // Everything these headers quote is plain text; this also makes cutting off the first byte safe.
+        // All quoted texts of these headers are ASCII. So the first byte can be cut off safely.
         if string.is_ascii() { Ok(string) } else { Err(wanted(self)) }
     }
 

@@ -16,14 +16,14 @@ use super::npy_header::NpyHeader;
 use super::raw_array::RawArray;
 
 const ADVICE: &str = "write the archive again with numpy.savez";
-/// Most array names an error lists.
+/// Largest number of array names that an error lists.
 const LISTED_NAMES: usize = 12;
 
-/// Reads one array of an archive as `f32`: the one called `name`, or the only one.
+/// Reads one array of an archive as `f32`: the array called `name`, or the only one.
 ///
 /// # Errors
-/// [`FormatError`] if the archive is missing or damaged, if it has no array of that name, or if `name` is `None` and
-/// there are several; the names are then listed.
+/// [`FormatError`] if the archive is missing or damaged, or has no array of that name. If `name` is `None` and there are
+/// several arrays, the error lists their names.
 pub fn read_npz(path: &Path, name: Option<&str>) -> Result<ArrayD<f32>, FormatError> {
     with_array(path, name, |entry, length| {
         let header = header(path, entry, length)?;
@@ -39,7 +39,7 @@ pub fn read_npz_f64(path: &Path, name: Option<&str>) -> Result<ArrayD<f64>, Form
     })
 }
 
-/// An array of an archive in the number type of the file: that of the name, or the only one that can be an image.
+/// An array of an archive in the number type of the file: the named one, or the only one that can be an image.
 pub(super) fn read_raw(path: &Path, name: Option<&str>) -> Result<RawArray, FormatError> {
     let image = match name {
         Some(_) => None,
@@ -54,8 +54,8 @@ pub(super) fn read_raw(path: &Path, name: Option<&str>) -> Result<RawArray, Form
     Ok(array)
 }
 
-/// The name of the only array of an archive of several that can be an image: numbers with two or more axes that are
-/// longer than 1. None where the archive has a single array.
+/// Name of the only array of an archive of several that can be an image: numbers with two or more axes longer than 1.
+/// `None` where the archive has a single array.
 fn only_image(path: &Path) -> Result<Option<String>, FormatError> {
     let (file, _) = open(path)?;
     let mut archive = ZipArchive::new(BufReader::new(file)).map_err(|error| damaged(path, &error))?;
@@ -100,7 +100,7 @@ fn damaged(path: &Path, error: &ZipError) -> FormatError {
     FormatError::malformed(path, "a zip archive of NumPy arrays", error.to_string(), ADVICE)
 }
 
-/// The error of an archive of other things.
+/// The error of an archive without arrays.
 fn no_arrays(path: &Path, archive: &ZipArchive<BufReader<File>>) -> FormatError {
     let entries: Vec<String> = archive.file_names().filter_map(|name| Some(name.ok()?.into_owned())).collect();
     let ends = |ending: &str| entries.iter().any(|entry| entry.ends_with(ending));
@@ -117,7 +117,7 @@ fn no_arrays(path: &Path, archive: &ZipArchive<BufReader<File>>) -> FormatError 
     FormatError::malformed(path, "a zip archive of NumPy arrays", found, advice)
 }
 
-/// The names of the arrays, sorted. Entries whose names are no text cannot be asked for.
+/// Names of the arrays, sorted. Entries whose names are not text are omitted.
 fn names(archive: &ZipArchive<BufReader<File>>) -> Vec<String> {
     let mut names: Vec<String> =
         archive.file_names().filter_map(|entry| Some(entry.ok()?.strip_suffix(".npy")?.to_owned())).collect();
@@ -125,7 +125,7 @@ fn names(archive: &ZipArchive<BufReader<File>>) -> Vec<String> {
     names
 }
 
-/// Finds the entry, checks what it claims to unpack to, reads it and lets the archive check its sum.
+/// Finds the entry, checks its stated unpacked size, reads it, and lets the archive verify the checksum.
 fn with_array<T>(
     path: &Path,
     name: Option<&str>,
@@ -137,7 +137,7 @@ fn with_array<T>(
     let mut entry = archive.by_name(&entry_name).map_err(|error| damaged(path, &error))?;
     let length = claimed_length(path, &entry)?;
     let array = read(&mut entry, length)?;
-    // The check sum is compared at the end of the entry, wherever the array ends.
+    // The archive verifies the checksum at the end of the entry, wherever the array ends.
     std::io::copy(&mut entry.by_ref().take(length), &mut std::io::sink())
         .map_err(|error| FormatError::from_read(path, error))?;
     Ok(array)

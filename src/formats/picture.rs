@@ -15,18 +15,18 @@ use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_
 
 /// Longest side of an image, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
-/// Most memory one image may unpack to, bytes.
+/// Largest memory of an unpacked image, bytes.
 pub(super) const LARGEST_PICTURE_BYTES: u64 = 1 << 30;
 const ADVICE: &str = "save the image again as PNG or TIFF";
 
-/// Most bytes that the pixels of a packed file of `length` bytes may take.
+/// Largest number of bytes that the pixels of a packed file of `length` bytes may take.
 ///
 /// The strongest packing, of an empty 1-bit PNG, is 8 times that of deflate.
 pub(super) fn most_unpacked_bytes(length: u64) -> u64 {
     length.saturating_mul(10_000).saturating_add(1 << 20)
 }
 
-/// Reads a PNG, JPEG or BMP picture, which must not be larger than its file can hold.
+/// Reads a PNG, JPEG or BMP image. The image must not be larger than its file can hold.
 pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let (source, path) = (file, &file.path);
     let damaged = |error: ImageError| match error {
@@ -58,7 +58,7 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
         let found = format!("{width} x {height} px in {length} bytes");
         return Err(FormatError::malformed(path, "an image as large as its header says", found, ADVICE));
     }
-    // A camera that was held upright writes so beside the pixels.
+    // A camera held upright records that beside the pixels.
     let orientation = decoder.orientation().map_or(1, |orientation| u64::from(orientation.to_exif()));
     let image = DynamicImage::from_decoder(decoder).map_err(damaged)?;
     let channels = usize::from(image.color().channel_count());
@@ -90,7 +90,7 @@ pub fn write_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) ->
     complete_png8(path, picture, low, high)?.put_in_place()
 }
 
-/// As [`write_png8`], up to the name.
+/// [`write_png8`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png8`].
@@ -107,7 +107,7 @@ pub fn write_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -
     complete_png16(path, picture, low, high)?.put_in_place()
 }
 
-/// As [`write_png16`], up to the name.
+/// [`write_png16`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png8`].
@@ -126,7 +126,7 @@ pub fn write_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<(), FormatE
     complete_png_rgb(path, picture)?.put_in_place()
 }
 
-/// As [`write_png_rgb`], up to the name.
+/// [`write_png_rgb`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png_rgb`].
@@ -139,7 +139,7 @@ pub fn complete_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<Complete
     complete_png(path, &picture.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
 }
 
-/// Values as whole levels of 0 to `top`, still as `f32`, row by row.
+/// Values as whole levels of 0 to `top`, as `f32`, row by row.
 fn levels<'a>(
     path: &Path,
     picture: ArrayView2<'a, f32>,

@@ -1,4 +1,4 @@
-//! An array of a file as it is stored.
+//! An array of a file as stored.
 
 use super::{Samples, Understood};
 

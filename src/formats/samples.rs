@@ -8,7 +8,7 @@ use crate::plural::counted;
 /// Rec. ITU-R BT.709 luma weights of red, green and blue.
 pub const GREY_WEIGHTS: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Pixel values as the file holds them: 8- and 16-bit counts keep their width, everything else is `f32`.
+/// Pixel values in the type of the file: 8- and 16-bit counts keep their width, everything else is `f32`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Samples {
     /// 8-bit counts, 0 to 255.
@@ -29,7 +29,7 @@ impl Samples {
         }
     }
 
-    /// True without any pixel.
+    /// Whether there is no pixel.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -46,7 +46,7 @@ impl Samples {
         }
     }
 
-    /// All values as `f32`, without a copy where they are already.
+    /// All values as `f32`, without a copy where they have that type.
     pub fn into_f32(self) -> Vec<f32> {
         match self {
             Self::U8(values) => values.into_iter().map(f32::from).collect(),
@@ -55,7 +55,7 @@ impl Samples {
         }
     }
 
-    /// Adds the pixels of `other` behind these; both become `f32` where their types differ.
+    /// Appends the pixels of `other`. Both become `f32` where their types differ.
     pub fn append(&mut self, other: Samples) {
         if self.is_empty() {
             *self = other;
@@ -74,7 +74,7 @@ impl Samples {
         }
     }
 
-    /// Feeds the pixels, little-endian and preceded by their width, to `sink` in blocks.
+    /// Passes the pixels, little-endian and preceded by their width, to `sink` in blocks.
     pub fn for_each_block(&self, mut sink: impl FnMut(&[u8])) {
         const BLOCK_VALUES: usize = 16 * 1024;
         match self {
@@ -97,7 +97,7 @@ impl Samples {
         }
     }
 
-    /// Count of the brightest pixel that this type can hold; none of floating-point numbers.
+    /// Count of the brightest pixel of this type; `None` for floating-point numbers.
     fn white(&self) -> Option<u16> {
         match self {
             Self::U8(_) => Some(u16::from(u8::MAX)),
@@ -117,10 +117,10 @@ impl Samples {
         (0..self.len() / channels).map(move |pixel| [0, 1, 2].map(|channel| self.value(pixel * channels + channel)))
     }
 
-    /// The values of an array of this shape with its axes in another order, row-major.
+    /// Values of an array of this shape with its axes in another order, row-major.
     ///
     /// # Panics
-    /// If the shape does not hold all values or `order` is none of its axes.
+    /// If the shape does not hold all values or `order` is not a permutation of its axes.
     pub(super) fn permuted(self, shape: &[usize], order: &[usize]) -> Samples {
         fn permute<T: Copy>(values: &[T], shape: &[usize], order: &[usize]) -> Vec<T> {
             let array = ArrayView::from_shape(IxDyn(shape), values).expect("every reader fills its shape");
@@ -133,7 +133,7 @@ impl Samples {
         }
     }
 
-    /// Values `source(0)`, `source(1)` and so on, `count` of them.
+    /// The `count` values at `source(0)`, `source(1)` and so on.
     ///
     /// # Panics
     /// If `source` is beyond the last value.
@@ -158,8 +158,8 @@ impl Samples {
         channels > 2 && self.colours(channels).any(|[red, green, blue]| red != green || green != blue)
     }
 
-    /// Pixels of interleaved `channels` made grey: one channel as it is, two as grey and alpha, three and four as
-    /// red, green, blue (and alpha), weighted by [`GREY_WEIGHTS`] where they differ. Alpha is ignored.
+    /// Grey values of pixels of interleaved `channels`. One channel is grey, two are grey and alpha, three and four are
+    /// red, green, blue (and alpha). Colours are weighted by [`GREY_WEIGHTS`] where they differ. Alpha is ignored.
     ///
     /// # Panics
     /// If `channels` is 0.
@@ -187,11 +187,11 @@ pub struct PixelStack {
     pub cols: usize,
     /// `pages * rows * cols` values.
     pub samples: Samples,
-    /// Count of the brightest pixel that the file can hold, 255 or 65535; none of other numbers.
+    /// Count of the brightest pixel that the file can hold, 255 or 65535; `None` for other numbers.
     pub white: Option<u16>,
-    /// Whether the file has colours, of which `samples` is the luma.
+    /// Whether the file has colours. `samples` then holds their luma.
     pub from_colour: bool,
-    /// What else the reader understood.
+    /// Further interpretation of the file by the reader.
     pub understood: Understood,
 }
 
@@ -202,8 +202,8 @@ impl PixelStack {
         Self { pages, rows, cols, white: samples.white(), samples, from_colour: false, understood }
     }
 
-    /// Images of shape [pages, rows, cols] of a file from samples of interleaved `channels`: the channel that its path
-    /// chooses, grey without its opacity, or the luma of red, green and blue where they differ.
+    /// Images of shape [pages, rows, cols] of a file from samples of interleaved `channels`. The path may choose a
+    /// channel. Otherwise the result is grey without opacity, or the luma of red, green and blue where they differ.
     ///
     /// # Errors
     /// [`FormatError`] where there is no such channel, or none was chosen of more than four.
@@ -217,7 +217,7 @@ impl PixelStack {
         let refuse = |expected: &str, advice: &str| {
             FormatError::malformed(&file.path, expected, counted(channels, "channel"), advice)
         };
-        // The luma is what up to four channels become anyway.
+        // Up to four channels become their luma anyway.
         let choice = file.meaning.channel.filter(|&choice| choice != Channel::Luma || channels > 4);
         let chosen = match choice {
             Some(choice) => {
@@ -250,7 +250,7 @@ impl PixelStack {
         Ok(stack)
     }
 
-    /// Picture `page` alone.
+    /// Image `page` alone.
     pub(super) fn only(self, page: usize) -> Self {
         let pixels = self.rows * self.cols;
         let samples = self.samples.gathered(pixels, |pixel| page * pixels + pixel);
@@ -260,8 +260,8 @@ impl PixelStack {
         stack
     }
 
-    /// The images upright, by the orientation tag of EXIF and TIFF, 1 to 8, of which 1
-    /// changes nothing.
+    /// The images turned upright according to the orientation tag of EXIF and TIFF, 1 to 8. Orientation 1 changes
+    /// nothing.
     pub(super) fn turned(self, orientation: u64) -> Self {
         let (rows, cols) = (self.rows, self.cols);
         let (new_rows, new_cols) = if (5..=8).contains(&orientation) { (cols, rows) } else { (rows, cols) };
@@ -291,13 +291,13 @@ impl PixelStack {
     /// Images as an array of shape (pages, rows, cols), in the counts of the file.
     ///
     /// # Panics
-    /// If there are not `pages * rows * cols` samples, which every reader sees to.
+    /// If there are not `pages * rows * cols` samples. Every reader ensures this number.
     pub fn into_array(self) -> Array3<f32> {
         Array3::from_shape_vec((self.pages, self.rows, self.cols), self.samples.into_f32())
             .expect("every reader fills pages * rows * cols samples")
     }
 
-    /// Picture `page` as an array of shape (rows, cols), in the counts of the file.
+    /// Image `page` as an array of shape (rows, cols), in the counts of the file.
     ///
     /// # Panics
     /// If `page` is not below `pages`.
@@ -307,7 +307,7 @@ impl PixelStack {
     }
 }
 
-/// Index of a channel among `channels`, if there is such a one.
+/// Index of a channel among `channels`; `None` without such a channel.
 fn chosen(choice: Channel, channels: usize) -> Option<usize> {
     let colour = |index: usize| match channels {
         // Grey images have the same red, green and blue.
@@ -326,7 +326,7 @@ fn chosen(choice: Channel, channels: usize) -> Option<usize> {
 }
 
 impl ImageFile {
-    /// The image that the path asks for alone, or all.
+    /// The single image that the path selects, or all.
     pub(super) fn chosen_frame(&self, stack: PixelStack) -> Result<PixelStack, FormatError> {
         match self.meaning.frame {
             None => Ok(stack),
@@ -354,7 +354,7 @@ mod tests {
 
     #[test]
     fn pictures_are_turned_as_their_orientation_says() {
-        // What viewers show of an image whose rows are 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
+        // Views of an image with the rows 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
         for (orientation, rows, cols, expected) in [
             (1, 2, 3, [0, 1, 2, 3, 4, 5]),
             (2, 2, 3, [2, 1, 0, 5, 4, 3]),

@@ -9,17 +9,17 @@ use super::kind::named_for_what_it_is;
 use super::raw_array::RawArray;
 use super::{FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, picture, tiff_pages};
 
-/// The first two axes of a colour image are longer than this, so that a stack of a few narrow pages is not one.
+/// Least length of the first two axes of a colour image, exclusive. A stack of a few narrow pages is not a colour image.
 const COLOUR_PICTURE_PX: usize = 4;
-/// Files that are read, for messages.
+/// Kinds of files that are read, for error sentences.
 const KINDS: &str = "an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file";
 
-/// Reads a file of images as grey pages, in the number type and the counts of the file, with what was understood.
+/// Reads a file of images as grey pages, in the number type and the counts of the file, with its interpretation.
 ///
-/// The first bytes, not the name, decide the kind: NPY, NPZ, TIFF (all pages), PNG, JPEG, BMP, IDX (gzipped, too). The
-/// path may say what the file means: see [`ImageFile::find`]. Axes of arrays, unless it does: (rows, cols), (images,
-/// rows, cols), (rows, cols, 1), (rows, cols, 3 or 4) colour with rows and cols above 4, (images, rows, cols, 3 or 4)
-/// colour; other axes of length 1 are left out. Colour becomes Rec. 709 luma.
+/// The first bytes, not the name, decide the kind: NPY, NPZ, TIFF (all pages), PNG, JPEG, BMP, IDX (also gzipped). The
+/// path may state the meaning of the file: see [`ImageFile::find`]. Without it the axes of arrays are: (rows, cols);
+/// (images, rows, cols); (rows, cols, 1); (rows, cols, 3 or 4) colour with rows and cols above 4; (images, rows, cols, 3
+/// or 4) colour. Other axes of length 1 are dropped. Colour becomes Rec. 709 luma.
 ///
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another kind, or an array of other axes.
@@ -37,8 +37,8 @@ impl ImageFile {
     }
 }
 
-/// Reads an image or array as grey values of shape (rows, cols), in the counts of the file: 0 to 255, 0 to 65535 or float. Of several
-/// images it is the first. Colour becomes Rec. 709 luma; alpha is ignored.
+/// Reads an image or array as grey values of shape (rows, cols), in the counts of the file: 0 to 255, 0 to 65535 or
+/// float. Of several images it returns the first. Colour becomes Rec. 709 luma; alpha is ignored.
 ///
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another kind, larger than 32,768 px a side or 1 GiB.
@@ -67,25 +67,25 @@ fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
     file.chosen_frame(stack)
 }
 
-/// Axes of an array by their numbers from 0. Axes that are not named here have length 1.
+/// Axes of an array, numbered from 0. Axes that are not listed here have length 1.
 struct Axes {
-    /// The one that counts images.
+    /// Axis that counts images.
     frames: Option<usize>,
     rows: usize,
     cols: usize,
-    /// The one that holds colours.
+    /// Axis of colours.
     colours: Option<usize>,
 }
 
 impl Axes {
-    /// The axes of a shape, as the path says or their lengths suggest. The error is what to do.
+    /// Axes of a shape, from the path or guessed from the lengths. The error is the advice.
     fn of(shape: &[usize], meaning: &Meaning) -> Result<Self, &'static str> {
         const RESHAPE: &str = "reshape it to one of these";
         let chosen = match meaning.axis {
             Some(axis) => Some(axis.index(shape.len()).ok_or("correct the number behind ?axis=")?),
             None => None,
         };
-        // Single layers are left out, the last axis first where it makes an image of one.
+        // Axes of length 1 are dropped, the last one first where that gives an image.
         let mut axes: Vec<usize> = (0..shape.len()).collect();
         while axes.len() > 3
             && let Some(layer) = axes.iter().position(|&axis| shape[axis] == 1 && Some(axis) != chosen)
@@ -127,7 +127,7 @@ impl Axes {
         Ok(axes)
     }
 
-    /// The order in which images, rows, columns and colours follow each other.
+    /// Axis order: images, rows, columns, colours.
     fn order(&self, count: usize) -> Vec<usize> {
         let named = || self.frames.into_iter().chain([self.rows, self.cols]).chain(self.colours);
         let single = (0..count).filter(|&axis| named().all(|other| other != axis));
@@ -147,7 +147,7 @@ fn from_array(file: &ImageFile, array: RawArray) -> Result<PixelStack, FormatErr
     let samples = if order.is_sorted() { samples } else { samples.permuted(&shape, &order) };
     let size = [axes.frames.map_or(1, |axis| shape[axis]), shape[axes.rows], shape[axes.cols]];
     let mut stack = PixelStack::interleaved(file, size, samples, axes.colours.map_or(1, |axis| shape[axis]))?;
-    // A single layer counts nothing, unless the path names it.
+    // A single layer counts no images, unless the path names the axis.
     let counts = axes.frames.filter(|&axis| shape[axis] != 1 || meaning.axis.is_some());
     stack.understood.axis = counts.map(|axis| axis + 1);
     stack.understood.key = understood.key;
@@ -161,7 +161,7 @@ fn from_array(file: &ImageFile, array: RawArray) -> Result<PixelStack, FormatErr
     Ok(stack)
 }
 
-/// Says what else three axes could mean.
+/// Lists other meanings of three axes.
 fn suggest_axes(stack: &mut PixelStack, axes: &Axes, shape: &[usize]) {
     if axes.colours == Some(2) && stack.from_colour {
         stack.note("if the last axis counts images, add ?axis=last");
@@ -239,7 +239,7 @@ mod tests {
             let array = stack.into_array();
             assert_eq!((array.dim(), array[(1, 0, 0)]), (dim, second), "{query}");
         }
-        // Images of one row beside those of colours.
+        // Images of one row, with colours.
         let colours = read_stack(&with(&counting(&folder, &[6, 5, 3, 4]), "axis=last&channel=red")).unwrap();
         assert_eq!((colours.understood.axis, colours.samples.value(1)), (Some(4), 12.0));
         counting(&folder, &[6, 5, 3]);

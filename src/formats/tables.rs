@@ -12,15 +12,15 @@ use super::{CompleteFile, FormatError, complete_file};
 /// Largest JSON file read, bytes.
 const LARGEST_JSON_BYTES: u64 = 256 << 20;
 
-/// Writes a comma-separated table (RFC 4180) of numbers, each with the digits that read back to the same `f64`.
+/// Writes a comma-separated table (RFC 4180) of numbers. Each has the digits that read back to the same `f64`.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`] if it cannot be written or a row is not as long as the header.
+/// [`FormatError::NotWritten`] if it cannot be written or a row does not have the length of the header.
 pub fn write_csv(path: &Path, header: &[&str], rows: impl Iterator<Item = Vec<f64>>) -> Result<(), FormatError> {
     complete_csv(path, header, rows)?.put_in_place()
 }
 
-/// As [`write_csv`], up to the name.
+/// [`write_csv`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_csv`].
@@ -32,10 +32,10 @@ pub fn complete_csv(
     complete_csv_text(path, header, rows.map(|row| row.iter().map(|value| format!("{value:?}")).collect()))
 }
 
-/// Writes a comma-separated table (RFC 4180) of texts, quoted where that is needed.
+/// Writes a comma-separated table (RFC 4180) of texts, quoted where needed.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`] if it cannot be written or a row is not as long as the header.
+/// [`FormatError::NotWritten`] if it cannot be written or a row does not have the length of the header.
 pub fn write_csv_text(
     path: &Path,
     header: &[&str],
@@ -76,7 +76,7 @@ pub fn write_json(path: &Path, value: &impl Serialize) -> Result<(), FormatError
     complete_json(path, value)?.put_in_place()
 }
 
-/// As [`write_json`], up to the name.
+/// [`write_json`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_json`].
@@ -99,12 +99,12 @@ pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, FormatError> {
     }
     let mut text = Vec::new();
     file.take(LARGEST_JSON_BYTES).read_to_end(&mut text).map_err(|error| FormatError::from_read(path, error))?;
-    // Editors put a mark of the byte order in front.
+    // Editors may write a byte order mark first.
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
     if !matches!(text.trim_ascii_start().first(), Some(b'{' | b'[' | b'"' | b'-' | b'0'..=b'9' | b't' | b'f' | b'n')) {
         return Err(named_for_what_it_is(path, "JSON"));
     }
-    // The text of the error ends in line and column.
+    // The text of the error ends with line and column.
     serde_json::from_slice(text)
         .map_err(|error| FormatError::malformed(path, "JSON of this kind", error.to_string(), "correct that place"))
 }

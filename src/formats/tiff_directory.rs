@@ -3,9 +3,9 @@
 use std::collections::HashSet;
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// Most pages that are looked at.
+/// Largest number of pages read.
 const MOST_PAGES: usize = 1 << 20;
-/// Longest value of a tag that is read, bytes; colour tables of 16 bits take 393,216.
+/// Longest tag value read, bytes. Colour tables of 16 bits take 393,216.
 const LONGEST_VALUE_BYTES: u64 = 1 << 20;
 
 /// Photometric interpretations (tag 262).
@@ -33,7 +33,7 @@ pub(super) struct PageTags {
     pub(super) sample_format: u64,
     /// Red, green and blue of the colour table, one after the other, 16 bits each.
     pub(super) palette: Vec<u16>,
-    /// Where the lowest byte of the photometric interpretation lies.
+    /// Offset of the lowest byte of the photometric interpretation.
     photometric_byte: Option<u64>,
 }
 
@@ -54,7 +54,7 @@ impl Directories {
         directories
     }
 
-    /// Where pixels that begin at `start` end at the latest: at the next place that is known to hold something else.
+    /// Latest end of pixels that start at `start`: the next known offset of other content.
     pub(super) fn end_of_pixels(&self, start: u64) -> Option<u64> {
         self.places.iter().copied().filter(|&place| place > start).min()
     }
@@ -83,7 +83,7 @@ impl Directories {
         Ok(())
     }
 
-    /// Takes up one entry: tag and type of 2 bytes each, then count and value of `pointer` bytes each.
+    /// Reads one entry: tag and type of 2 bytes each, then count and value of `pointer` bytes each.
     fn entry(&mut self, reader: &mut (impl Read + Seek), at: u64, pointer: u64, page: &mut PageTags) -> io::Result<()> {
         let tag = self.number_at(reader, at, 2)?;
         let width = match self.number_at(reader, at + 2, 2)? {
@@ -145,7 +145,7 @@ fn bytes_at(reader: &mut (impl Read + Seek), at: u64, length: u64) -> io::Result
 }
 
 impl PageTags {
-    /// Whether the decoder would change the stored values, or refuse them, by what they are said to mean.
+    /// Whether the decoder would change or refuse the stored values because of their stated meaning.
     fn is_stored(&self) -> bool {
         use photometric::{FILTER_ARRAY, LINEAR_RAW, PALETTE, WHITE_IS_ZERO};
         let is_grey = self.samples_per_pixel == 1;
@@ -153,8 +153,8 @@ impl PageTags {
             || is_grey && matches!(self.photometric, Some(PALETTE | FILTER_ARRAY | LINEAR_RAW))
     }
 
-    /// Images that the description counts, as ImageJ and tifffile write it: they lie one after the other behind the
-    /// first, without pages of their own where those are missing.
+    /// Number of images stated in the description, as ImageJ and tifffile write it. Without pages of their own, they lie
+    /// one after the other after the first.
     pub(super) fn described_images(&self, pixels: u64) -> Option<u64> {
         if self.description.starts_with("ImageJ=") {
             return self.imagej("images").and_then(|count| count.parse().ok());
@@ -166,7 +166,7 @@ impl PageTags {
         (page > 0 && all % page == 0).then(|| all / page)
     }
 
-    /// What ImageJ has written of itself.
+    /// Whether ImageJ wrote the description.
     pub(super) fn is_imagej(&self) -> bool {
         self.description.starts_with("ImageJ=")
     }
@@ -176,14 +176,14 @@ impl PageTags {
         lines.find(|(key, _)| *key == name).map(|(_, value)| value.trim())
     }
 
-    /// What is to be added to stored values that ImageJ shows as numbers with sign.
+    /// Offset to add to stored values that ImageJ shows as signed numbers.
     pub(super) fn imagej_shift(&self) -> Option<f32> {
         let number = |name: &str| self.imagej(name).and_then(|text| text.parse::<f64>().ok());
         let is_signed = self.is_imagej() && self.bits == 16 && number("c0") == Some(-32_768.0);
         (is_signed && number("c1").unwrap_or(1.0) == 1.0).then_some(-32_768.0)
     }
 
-    /// Channels, slices and frames that ImageJ counts, where there are several of two.
+    /// Channels, slices and frames that ImageJ counts, where at least two are several.
     pub(super) fn imagej_axes(&self) -> Option<String> {
         let axes = ["channels", "slices", "frames"]
             .into_iter()
@@ -193,7 +193,7 @@ impl PageTags {
     }
 }
 
-/// Name of a compression (tag 259) that is not read.
+/// Name of an unsupported compression (tag 259).
 pub(super) fn unread_compression(number: u64) -> Option<String> {
     let name = match number {
         0 | 1 | 4 | 5 | 7 | 8 | 32_773 | 32_946 => return None,
@@ -221,11 +221,11 @@ pub(super) fn unread_compression(number: u64) -> Option<String> {
     Some(format!("{name} compression"))
 }
 
-/// A file whose pages all give their values as they are stored: white-is-zero and colour tables read as black-is-zero.
+/// A file whose pages all give their stored values. White-is-zero and colour tables are read as black-is-zero.
 pub(super) struct StoredValues<R> {
     inner: R,
     position: u64,
-    /// Where lowest bytes of photometric interpretations lie that are read as 1, sorted; the bytes above are those of
+    /// Offsets of the lowest bytes of photometric interpretations that are read as 1, sorted. The bytes above belong to
     /// numbers below 256.
     changed: Vec<(u64, u8)>,
 }

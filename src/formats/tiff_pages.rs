@@ -16,12 +16,12 @@ use crate::plural::{counted, one_or_many};
 
 const ADVICE: &str = "save it as uncompressed grey or RGB TIFF";
 
-/// Reads every page of a TIFF file as grey values of shape (rows, cols), as they are stored: 1- to 64-bit integers, 16-
-/// to 64-bit floats; RGB becomes Rec. 709 luma, alpha is ignored.
+/// Reads every page of a TIFF file as grey values of shape (rows, cols), as stored: 1- to 64-bit integers, 16- to 64-bit
+/// floats. RGB becomes Rec. 709 luma; alpha is ignored.
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing, damaged, of another colour model, or a page is larger than 32,768 px a side
-/// or 1 GiB.
+/// [`FormatError`] if the file is missing, damaged, of another colour model, or a page is larger than 32,768 px a side or
+/// 1 GiB.
 pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
     let file = ImageFile::find(path)?;
     let mut pages = Vec::new();
@@ -32,7 +32,7 @@ pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
     Ok(pages)
 }
 
-/// Reads a TIFF file whose pages are all of one shape, in the number type of the file.
+/// Reads a TIFF file whose pages all have one shape, in the number type of the file.
 pub(super) fn read_equal_pages(source: &ImageFile) -> Result<PixelStack, FormatError> {
     let path = &source.path;
     let mut stack: Option<PixelStack> = None;
@@ -59,7 +59,7 @@ pub(super) fn read_equal_pages(source: &ImageFile) -> Result<PixelStack, FormatE
     stack.ok_or_else(|| FormatError::malformed(path, "at least one page", "none", ADVICE))
 }
 
-/// Gives the pages in turn; a page that stands for several images gives them all.
+/// Passes the pages in turn. A page that stands for several images passes them all.
 fn for_each_page(
     source: &ImageFile,
     mut take: impl FnMut(PixelStack) -> Result<(), FormatError>,
@@ -71,7 +71,7 @@ fn for_each_page(
     };
     let (file, length) = open(path)?;
     let directories = Directories::read(&mut BufReader::new(&file));
-    // Several pages may share one strip; the sum over all pages is bounded too.
+    // Several pages may share one strip, so the sum over all pages is limited too.
     let mut left = most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES.max(length.saturating_mul(64)));
     let mut limits = Limits::default();
     limits.decoding_buffer_size = LARGEST_PICTURE_BYTES.min(left) as usize;
@@ -136,7 +136,7 @@ fn for_each_page(
     Ok(())
 }
 
-/// Names what is not read.
+/// Refuses unsupported pages with an error that names the feature.
 fn check_tags(path: &Path, tags: &PageTags) -> Result<(), FormatError> {
     let refuse =
         |expected: &str, found: String, advice: &str| Err(FormatError::malformed(path, expected, found, advice));
@@ -161,7 +161,7 @@ fn check_tags(path: &Path, tags: &PageTags) -> Result<(), FormatError> {
     refuse("grey or RGB", colours.into(), "save it as grey or RGB TIFF")
 }
 
-/// Values per pixel.
+/// Number of values per pixel.
 fn channels_of(path: &Path, colour: ColorType) -> Result<usize, FormatError> {
     match colour {
         ColorType::Gray(_) => Ok(1),
@@ -176,7 +176,7 @@ fn channels_of(path: &Path, colour: ColorType) -> Result<usize, FormatError> {
     }
 }
 
-/// One page and how it is to be understood.
+/// One page and its interpretation.
 struct Page<'a> {
     source: &'a ImageFile,
     tags: &'a PageTags,
@@ -190,7 +190,7 @@ impl Page<'_> {
         self.rows * self.cols
     }
 
-    /// Values of 1, 2 or 4 bits, which begin a byte with every row, as one byte each.
+    /// Values of 1, 2 or 4 bits as one byte each. Every row starts at a byte.
     fn unpacked(&self, packed: &Samples, bits: u8) -> Samples {
         let Samples::U8(packed) = packed else { return Samples::U8(Vec::new()) };
         let (bits, values) = (usize::from(bits), self.cols * self.channels);
@@ -203,7 +203,7 @@ impl Page<'_> {
         Samples::U8(rows.flat_map(|row| (0..values).filter_map(move |index| value(row, index))).collect())
     }
 
-    /// What the description counts beyond `found` images, in a note.
+    /// Note on images that the description counts beyond `found`.
     fn missing(&self, found: u64) -> Option<String> {
         let described = self.tags.described_images(self.pixels() as u64)?;
         (found > 1 || self.tags.is_imagej()).then_some(())?;
@@ -214,8 +214,8 @@ impl Page<'_> {
         ))
     }
 
-    /// The images that lie behind the only page without pages of their own, as ImageJ and tifffile write long stacks, and
-    /// a note where fewer are there than the description counts.
+    /// Images after the only page that have no pages of their own, as ImageJ and tifffile write long stacks. A note
+    /// reports fewer images than the description counts.
     fn others(
         &self,
         mut file: &File,
@@ -230,7 +230,7 @@ impl Page<'_> {
         if self.tags.compression != 1 || image_bytes == 0 {
             return none(1);
         }
-        // Pixels end where a directory or what belongs to one begins.
+        // Pixels end where a directory or its values start.
         let end = directories.end_of_pixels(self.tags.offset).unwrap_or(length).min(length);
         let there = (end.saturating_sub(self.tags.offset) / image_bytes).min(described);
         if there < 2 {
@@ -270,7 +270,7 @@ impl Page<'_> {
         Ok((Some(others.map_err(failed)?), self.missing(there)))
     }
 
-    /// The page, and what lies behind it, as images.
+    /// The page and the images after it.
     fn stack(&self, mut samples: Samples, others: Option<Samples>) -> Result<PixelStack, FormatError> {
         if let Some(others) = others {
             samples.append(others);
@@ -302,7 +302,7 @@ impl Page<'_> {
         Ok(stack.turned(self.tags.orientation))
     }
 
-    /// Colours of pixels that are numbers of a colour table, or why they are left out; none without a table.
+    /// Colours of pixels that index a colour table, or the reason why they are ignored; `None` without a table.
     fn palette(&self, samples: &Samples) -> Option<Result<Samples, &'static str>> {
         let is_palette = self.tags.photometric == Some(photometric::PALETTE) && self.channels == 1;
         let entries = 1_usize << self.tags.bits.min(16);
@@ -312,11 +312,11 @@ impl Page<'_> {
         if channel == Some(Channel::Number(1)) {
             return Some(Err("stored numbers, without its colour table"));
         }
-        // A table of ImageJ colours measured values; photographs are saved with their colours in the table.
+        // ImageJ tables colour measured values. Photographs are saved with their colours in the table.
         if self.tags.is_imagej() && channel.is_none() {
             return Some(Err("stored values, without its colour table (LUT)"));
         }
-        // Tables of 8 bits stand in the upper bytes, by the standard, or in the lower ones.
+        // Tables of 8 bits use the upper bytes, by the standard, or the lower ones.
         let all = || [red, green, blue].into_iter().flatten().copied();
         let is_low = all().all(|value| value < 256);
         let shift = if is_low { 0 } else { 8 };
@@ -353,7 +353,7 @@ fn samples(decoded: DecodingResult) -> (Option<&'static str>, Samples) {
     }
 }
 
-/// Colour planes one after the other, as pixels one after the other.
+/// Interleaves colour planes to pixels.
 fn interleave(planes: &Samples, pixels: usize, channels: usize) -> Samples {
     if planes.len() != pixels * channels {
         return Samples::F32(Vec::new());

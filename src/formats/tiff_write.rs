@@ -1,4 +1,4 @@
-//! TIFF files of 32-bit floats, written at once or part by part.
+//! TIFF files of 32-bit floats, written at once or in parts.
 
 use std::fs::File;
 use std::io;
@@ -11,35 +11,35 @@ use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colort
 use super::FormatError;
 use super::write::{CompleteFile, SafeFile};
 
-/// From this many bytes on a file is written as BigTIFF; the offsets of a plain one end at 4 GiB.
+/// Size in bytes from which a file is written as BigTIFF. The offsets of a plain TIFF end at 4 GiB.
 const BIG_TIFF_BYTES: usize = 0xF000_0000;
-/// Room for what describes one page.
+/// Space for the directory of one page, bytes.
 const DIRECTORY_BYTES: usize = 512;
 
-/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF, as ImageJ and `tifffile` read it.
+/// Writes pages of shape (pages, rows, cols) as an uncompressed 32-bit float TIFF that ImageJ and `tifffile` read.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`] if it cannot be written or there is no pixel.
+/// [`FormatError::NotWritten`] if the file cannot be written or there is no pixel.
 pub fn write_tiff(path: &Path, pages: ArrayView3<f32>) -> Result<(), FormatError> {
     let mut writer = PageWriter::create(path, pages.dim())?;
     writer.append(pages)?;
     writer.finish()
 }
 
-/// Writes a TIFF file part by part, for stacks that are larger than memory should hold.
+/// Writer of a TIFF file in parts, for stacks too large for memory.
 ///
-/// The file appears under its name when [`PageWriter::finish`] is called, and not at all where it is not.
+/// [`PageWriter::finish`] puts the file in place. Without it no file appears.
 pub struct PageWriter {
     path: PathBuf,
     file: SafeFile,
     encoder: Encoder,
-    /// Pages that are still to come.
+    /// Number of missing pages.
     left: usize,
     rows: usize,
     cols: usize,
 }
 
-/// Pages are written in one piece each, so a buffer, which could not be asked whether it arrived, would bring nothing.
+/// Pages are written in one piece each, unbuffered. A buffer would gain nothing, and its errors could be missed.
 enum Encoder {
     Standard(TiffEncoder<File, TiffKindStandard>),
     Big(TiffEncoder<File, TiffKindBig>),
@@ -90,7 +90,7 @@ impl PageWriter {
         written.map_err(|error| FormatError::from_write(&self.path, error))
     }
 
-    /// Completes the file.
+    /// Completes the file and puts it in place.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if pages are missing or the file cannot be put in place.
@@ -98,7 +98,7 @@ impl PageWriter {
         self.complete()?.put_in_place()
     }
 
-    /// Brings all pages to the disk, under no name yet.
+    /// Writes all pages to the disk, without giving the file its name.
     ///
     /// # Errors
     /// [`FormatError::NotWritten`] if pages are missing or the disk is full.

@@ -1,47 +1,47 @@
-//! What a reader understood of files, in one sentence for people.
+//! Interpretation of files by a reader, as one sentence.
 
 use std::fmt;
 
 use super::{PixelStack, Samples};
 use crate::plural::{counted, one_or_many};
 
-/// What a file did not show by its pixels alone.
+/// Interpretation of a file beyond its pixels.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Understood {
     /// Name of the array that was read from an archive.
     pub key: Option<String>,
-    /// Axis of the array that counts the images; the first is 1.
+    /// Axis of the array that counts the images, numbered from 1.
     pub axis: Option<usize>,
-    /// Numbers of the file where their type is none of [`Samples`], such as "12 bits" or "16-bit floats".
+    /// Number type of the file where it is none of [`Samples`], such as "12 bits" or "16-bit floats".
     pub numbers: Option<String>,
-    /// What was done to the pixels or left out, a clause each.
+    /// Notes on changed or omitted pixels, a clause each.
     pub notes: Vec<String>,
-    /// What else the file could mean, as the options of its path: `axis=last`.
+    /// Other interpretations of the file, as options of its path: `axis=last`.
     pub choices: Vec<String>,
 }
 
-/// What was understood of one or more files. Its text is one line for people, rows before columns: "20 images of 64 x 48
+/// Summary of how one or more files were interpreted. Its text is one line, rows before columns: "20 images of 64 x 48
 /// px, axis 3 counts them, 16 bits, range 3 to 1022".
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageSummary {
     files: usize,
     images: usize,
-    /// Rows and columns; none where files differ.
+    /// Rows and columns; `None` where files differ.
     shape: Option<(usize, usize)>,
     key: Option<String>,
     axis: Option<usize>,
-    /// Number type; none where files differ.
+    /// Number type; `None` where files differ.
     numbers: Option<String>,
-    /// Least and largest finite value.
+    /// Least and greatest finite value.
     range: Option<(f32, f32)>,
-    /// Values that are NaN or infinite.
+    /// Number of values that are NaN or infinite.
     wrong: usize,
     notes: Vec<String>,
     choices: Vec<String>,
 }
 
 impl ImageSummary {
-    /// Of the images of one file.
+    /// Summary of the images of one file.
     pub fn of(stack: &PixelStack) -> Self {
         let Understood { key, axis, numbers, notes, choices } = stack.understood.clone();
         let (range, wrong) = stack.samples.range();
@@ -50,12 +50,12 @@ impl ImageSummary {
         Self { files: 1, images, shape, key, axis, numbers: Some(numbers), range, wrong, notes, choices }
     }
 
-    /// What else the first file could mean, as options of its path: `axis=last`.
+    /// Other interpretations of the first file, as options of its path: `axis=last`.
     pub fn choices(&self) -> &[String] {
         &self.choices
     }
 
-    /// Takes in those of another file.
+    /// Merges the summary of another file.
     pub fn join(&mut self, other: Self) {
         self.files += other.files;
         self.images += other.images;
@@ -99,7 +99,7 @@ impl fmt::Display for ImageSummary {
 }
 
 impl PixelStack {
-    /// Adds a note, once.
+    /// Adds a note, unless it is there already.
     pub(super) fn note(&mut self, note: impl Into<String>) {
         let note = note.into();
         if !self.understood.notes.contains(&note) {
@@ -109,7 +109,7 @@ impl PixelStack {
 }
 
 impl Samples {
-    /// Number type for people.
+    /// Number type as text.
     fn numbers(&self) -> &'static str {
         match self {
             Self::U8(_) => "8 bits",
@@ -118,7 +118,7 @@ impl Samples {
         }
     }
 
-    /// Least and largest finite value, and the number of those that are not finite.
+    /// Least and greatest finite value, and the number of values that are not finite.
     fn range(&self) -> (Option<(f32, f32)>, usize) {
         fn of_counts<T: Copy + Ord + Into<f32>>(values: &[T]) -> Option<(f32, f32)> {
             Some(((*values.iter().min()?).into(), (*values.iter().max()?).into()))
@@ -138,7 +138,7 @@ impl Samples {
     }
 }
 
-/// A number with at most five significant digits, whole numbers as they are.
+/// A number with at most five significant digits. Whole numbers keep all digits.
 fn short(value: f32) -> String {
     let value = f64::from(value);
     if value.fract() == 0.0 && value.abs() < 1e9 {

@@ -1,4 +1,4 @@
-//! Writing a whole file or none.
+//! Atomic writing of files: the whole file or none.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
@@ -10,14 +10,14 @@ use tempfile::NamedTempFile;
 
 use super::{FormatError, read_bytes};
 
-/// Prefix of temporary files. Only a killed process leaves them behind.
+/// Prefix of temporary files. Only a killed process leaves them.
 pub const TEMPORARY_PREFIX: &str = ".writing-";
 
-/// Writes a file through a temporary one in the same folder: after success the file is complete and on the disk,
-/// after any failure it is as it was before, and nothing else is left in the folder.
+/// Writes a file atomically through a temporary file in the same folder. After success the file is complete and on the
+/// disk. After any failure the old file is unchanged, and nothing else is left in the folder.
 ///
-/// A new file gets the usual permissions (0666 less the umask), a replaced one keeps its own, and a link is written
-/// through.
+/// A new file gets the usual permissions (0666 less the umask). A replaced file keeps its permissions. Links are
+/// followed.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] if `fill` fails, the folder is missing or not writable, the disk is full, or `path` is
@@ -26,7 +26,7 @@ pub fn write_safely(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result
     complete_file(path, fill)?.put_in_place()
 }
 
-/// As [`write_safely`], up to the name: files that belong together get their names when all are complete.
+/// [`write_safely`] without the final renaming. Files that belong together get their names when all are complete.
 ///
 /// # Errors
 /// As [`write_safely`].
@@ -37,7 +37,7 @@ pub fn complete_file(
     filled(path, fill).map_err(|error| FormatError::from_write(path, error))
 }
 
-/// Tells whether [`write_safely`] could write a file of this name now; nothing stays of the attempt.
+/// Checks whether [`write_safely`] could write a file of this name now. The check leaves nothing behind.
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] where it could not.
@@ -45,23 +45,23 @@ pub fn check_writable(path: &Path) -> Result<(), FormatError> {
     SafeFile::create(path).map(drop).map_err(|error| FormatError::from_write(path, error))
 }
 
-/// Makes a folder and those above it; one that is there already is fine.
+/// Creates a folder and its missing parents. An existing folder is no error.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`] if it cannot be made, a file of that name being there for example.
+/// [`FormatError::NotWritten`] if it cannot be created, for example where a file has that name.
 pub fn create_folder(path: &Path) -> Result<(), FormatError> {
     fs::create_dir_all(path).map_err(|error| FormatError::from_write(path, error))
 }
 
-/// Time that another program has to give back a lock.
+/// Time in which another program may release a lock.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Keeps other programs out of a folder until the file is dropped or the process ends, however it ends, and removes the files that
-/// programs which were killed have left there half-written. Where the system knows no locks of folders, nobody is kept out.
+/// Locks a folder against other programs until the file is dropped or the process ends in any way. Also removes
+/// unfinished files that killed programs left there. Without folder locks in the system there is no protection.
 ///
 /// # Errors
-/// [`FormatError::Busy`] where another one has it, and still has it after half a second: one that was killed holds its
-/// locks until the system has taken back its memory.
+/// [`FormatError::Busy`] where another program holds the lock for more than half a second. The system releases the locks
+/// of a killed program only after its memory.
 pub fn lock_folder(path: &Path) -> Result<Option<File>, FormatError> {
     let locked = locked(path)?;
     remove_left_behind(path);
@@ -73,7 +73,7 @@ fn locked(path: &Path) -> Result<Option<File>, FormatError> {
     lock_within_grace(folder).map(Some).ok_or_else(|| FormatError::Busy { path: path.to_path_buf() })
 }
 
-/// The locked file, or the file itself on systems without locks; none if another process holds the lock.
+/// The locked file, or the file itself on systems without locks; `None` if another process holds the lock.
 fn lock_within_grace(file: File) -> Option<File> {
     let Err(TryLockError::WouldBlock) = file.try_lock() else { return Some(file) };
     let (tell, told) = channel();
@@ -83,18 +83,19 @@ fn lock_within_grace(file: File) -> Option<File> {
     waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok())
 }
 
-/// Keeps other programs from a file that is replaced again and again, by a lock on an empty one beside it, which is removed with it.
+/// Lock of a file that is replaced repeatedly, against other programs. The lock is on an empty file beside it, which is
+/// removed with it.
 #[derive(Debug)]
 pub struct NameLock {
     path: PathBuf,
     _file: File,
 }
 
-/// Locks the name of a file, whether it is there or not, until the lock is dropped or the process ends, however it ends; `lock` is the
-/// empty file that stands for it. Where that cannot be written, or is somebody's file, nobody is kept out.
+/// Locks the name of a file until the lock is dropped or the process ends in any way. The file need not exist. `lock` is
+/// the empty file that represents it. Where `lock` cannot be written, or is a user's file, there is no protection.
 ///
 /// # Errors
-/// [`FormatError::InUse`] where another one has it, as [`lock_folder`].
+/// [`FormatError::InUse`] where another program holds the lock, as for [`lock_folder`].
 pub fn lock_name(path: &Path, lock: &Path) -> Result<Option<NameLock>, FormatError> {
     loop {
         let Ok(file) = File::options().create(true).truncate(false).write(true).open(lock) else { return Ok(None) };
@@ -102,14 +103,14 @@ pub fn lock_name(path: &Path, lock: &Path) -> Result<Option<NameLock>, FormatErr
             return Ok(None);
         }
         let Some(file) = lock_within_grace(file) else { return Err(FormatError::InUse { path: path.to_path_buf() }) };
-        // Whoever had it may have removed it meanwhile, and somebody else made another.
+        // The former owner may have removed the lock file meanwhile, and another process may have made a new one.
         if is_at(&file, lock) {
             return Ok(Some(NameLock { path: lock.to_path_buf(), _file: file }));
         }
     }
 }
 
-/// Whether an open file is still the one of this name.
+/// Whether an open file still has this name.
 #[cfg(unix)]
 fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
@@ -117,7 +118,7 @@ fn is_at(file: &File, path: &Path) -> bool {
     file.metadata().ok().map(place) == fs::metadata(path).ok().map(place)
 }
 
-/// Elsewhere a file that is open keeps its name.
+/// On other systems an open file keeps its name.
 #[cfg(not(unix))]
 fn is_at(_: &File, _: &Path) -> bool {
     true
@@ -125,12 +126,12 @@ fn is_at(_: &File, _: &Path) -> bool {
 
 impl Drop for NameLock {
     fn drop(&mut self) {
-        // One that stays, as after a kill, is taken by the next.
+        // A lock file that remains, as after a kill, is reused by the next lock.
         let _ = fs::remove_file(&self.path);
     }
 }
 
-/// Removes temporary files that no process writes: a writer holds a lock.
+/// Removes temporary files that no process writes. A writer holds a lock.
 fn remove_left_behind(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let is_temporary = entry.file_name().to_string_lossy().starts_with(TEMPORARY_PREFIX);
@@ -139,21 +140,21 @@ fn remove_left_behind(folder: &Path) {
         }
         let file = File::options().write(true).open(entry.path());
         if file.is_ok_and(|file| file.try_lock().is_ok()) {
-            // Where it cannot be removed it does no harm.
+            // A file that cannot be removed does no harm.
             let _ = fs::remove_file(entry.path());
         }
     }
 }
 
-/// A file on its way: a temporary one in the same folder, which takes its name when it is complete and is removed
-/// where it never is.
+/// An unfinished file: a temporary file in the same folder. It gets its name when it is complete, and is removed
+/// otherwise.
 pub(super) struct SafeFile {
     target: PathBuf,
     temporary: NamedTempFile,
 }
 
 impl SafeFile {
-    /// Starts a file that will be called `path`.
+    /// Starts a file with the final name `path`.
     pub(super) fn create(path: &Path) -> io::Result<Self> {
         let target = target(path)?;
         let mut builder = tempfile::Builder::new();
@@ -173,7 +174,7 @@ impl SafeFile {
         self.temporary.as_file()
     }
 
-    /// Brings all that was written to the disk.
+    /// Writes everything to the disk.
     pub(super) fn complete(self) -> io::Result<CompleteFile> {
         if let Ok(earlier) = fs::metadata(&self.target) {
             self.file().set_permissions(earlier.permissions())?;
@@ -183,14 +184,14 @@ impl SafeFile {
     }
 }
 
-/// A file that is on the disk as a whole, under no name of its own yet: hardly anything can go wrong any more.
+/// A complete file on the disk that does not have its name yet. Putting it in place rarely fails.
 pub struct CompleteFile(SafeFile);
 
 impl CompleteFile {
-    /// Puts the file in place of what had its name.
+    /// Puts the file in place of an earlier one.
     ///
     /// # Errors
-    /// [`FormatError::NotWritten`] where the system refuses it.
+    /// [`FormatError::NotWritten`] where the system refuses.
     pub fn put_in_place(self) -> Result<(), FormatError> {
         let Self(SafeFile { target, temporary }) = self;
         temporary.persist(&target).map_err(|error| FormatError::from_write(&target, error.error))?;
@@ -212,7 +213,7 @@ fn filled(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> i
     file.complete()
 }
 
-/// The error of the system without the name of the temporary file.
+/// The system's error without the name of the temporary file.
 fn without_name(error: &io::Error) -> io::Error {
     let cause = error.get_ref().and_then(std::error::Error::source);
     let code = cause.and_then(|cause| cause.downcast_ref::<io::Error>()).and_then(io::Error::raw_os_error);
@@ -229,13 +230,13 @@ fn folder_of(target: &Path) -> &Path {
     }
 }
 
-/// The file to replace: links are followed; write-protected files and anything but a regular file are refused.
+/// The file to replace. Links are followed. Write-protected files and anything but a regular file are refused.
 fn target(path: &Path) -> io::Result<PathBuf> {
     if path.file_name().is_none() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "this is no file name"));
     }
     let Ok(metadata) = fs::metadata(path) else {
-        // A link to a file that is not there yet.
+        // A link to a file that does not exist yet.
         return Ok(fs::read_link(path).map_or_else(|_| path.to_path_buf(), |to| folder_of(path).join(to)));
     };
     if !metadata.is_file() {
@@ -247,10 +248,10 @@ fn target(path: &Path) -> io::Result<PathBuf> {
     if path.is_symlink() { fs::canonicalize(path) } else { Ok(path.to_path_buf()) }
 }
 
-/// Removes a file; one that is not there is fine.
+/// Removes a file. A missing file is no error.
 ///
 /// # Errors
-/// [`FormatError::NotWritten`] where it stays.
+/// [`FormatError::NotWritten`] where the file cannot be removed.
 pub fn remove_if_there(path: &Path) -> Result<(), FormatError> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(FormatError::from_write(path, error)),
@@ -258,10 +259,10 @@ pub fn remove_if_there(path: &Path) -> Result<(), FormatError> {
     }
 }
 
-/// The bytes of a file that [`write_safely`] may have written; none where it is not there.
+/// Bytes of a file that [`write_safely`] may have written; `None` where there is no file.
 ///
 /// # Errors
-/// [`FormatError`] where it is there and cannot be read, or is a folder, device or pipe.
+/// [`FormatError`] where the file exists and cannot be read, or is a folder, device or pipe.
 pub fn read_if_there(path: &Path) -> Result<Option<Vec<u8>>, FormatError> {
     match read_bytes(path, u64::MAX) {
         Err(FormatError::NotFound { .. }) => Ok(None),
@@ -334,7 +335,7 @@ mod tests {
         assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
         drop(held);
         assert_eq!(names(folder.path()), ["kept"], "nothing stays of the lock");
-        // What a kill leaves is in nobody's way, and what is somebody's stays.
+        // A lock file left by a kill blocks nobody, and a user's file stays.
         fs::write(&lock, b"").unwrap();
         drop(lock_name(&path, &lock).unwrap().unwrap());
         assert!(!lock.exists());
@@ -342,7 +343,7 @@ mod tests {
         assert!(lock_name(&path, &lock).unwrap().is_none());
         assert_eq!(fs::read(&lock).unwrap(), b"mine");
         assert!(lock_name(&path, &folder.path().join("no/lock")).unwrap().is_none());
-        // One that is removed while somebody waits for it is not what that one comes to have.
+        // A lock file removed while another process waits for it is not what that process gets.
         let lock = folder.path().join("other.lock");
         let held = lock_name(&path, &lock).unwrap().unwrap();
         let waiting = std::thread::spawn({
@@ -371,7 +372,7 @@ mod tests {
         std::os::unix::fs::symlink(&safe, &link).unwrap();
         write_safely(&link, |writer| writer.write_all(b"y")).unwrap();
         assert!(link.is_symlink() && mode(&safe) == 0o640 && fs::read(&safe).unwrap() == b"y");
-        // Through a link to nothing, too.
+        // Also through a link to a missing file.
         let (ahead, later) = (folder.path().join("ahead"), folder.path().join("later"));
         std::os::unix::fs::symlink("later", &ahead).unwrap();
         write_safely(&ahead, |writer| writer.write_all(b"z")).unwrap();

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::poisson::sample_poisson;
 
-/// Least and largest standard deviation of read noise, photons.
+/// Least and greatest standard deviation of read noise, photons.
 const LEAST_SIGMA: f64 = 1e-6;
 const MOST_SIGMA: f64 = 1e6;
 /// Least read noise that hides the whole counts, photons. Below it the sum of read noise and count still determines the

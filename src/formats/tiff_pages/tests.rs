@@ -11,7 +11,7 @@ const ASCII: u16 = 2;
 const SHORT: u16 = 3;
 const LONG: u16 = 4;
 
-/// A classic TIFF file of one page, written by hand: entries of tag, type and values, then the pixels.
+/// A handmade classic TIFF file of one page: entries of tag, type and values, then the pixels.
 struct Handmade {
     big_endian: bool,
     entries: Vec<(u16, u16, Vec<u32>)>,
@@ -171,7 +171,7 @@ fn images_behind_a_single_page_are_found() {
         assert!(told(&path).starts_with("4 images of 1 x 2 px, 16 bits, range 0 to 7"), "{}", told(&path));
         assert_eq!(read_pages(&path).unwrap().len(), 4);
     }
-    // The directory and the description, which lie behind the pixels, are no images.
+    // The directory and the description, which lie after the pixels, are not images.
     for (count, missing) in [(1, "other 899 were"), (3, "other 897 were")] {
         let path = stack(count, "ImageJ=1.11a\nimages=900\n");
         assert_eq!(values(&path).len(), 2 * usize::from(count));
@@ -182,7 +182,7 @@ fn images_behind_a_single_page_are_found() {
 #[test]
 fn images_behind_a_packed_page_are_missed_in_a_sentence() {
     let folder = tempfile::tempdir().unwrap();
-    // PackBits: two bytes as they are.
+    // PackBits: two literal bytes.
     let file = Handmade::grey(2, 1, 8, vec![1, 10, 20]).with(259, SHORT, &[32_773]);
     let path = file.described("ImageJ=1\nimages=2\n").save(&folder);
     assert_eq!(values(&path), [10.0, 20.0]);
