@@ -9,8 +9,8 @@
 //! | `dialogs` | dialogs in front of the window |
 //! | `app` | the window itself: menus, layout, dispatch of actions, files of the application |
 //!
-//! An import only goes down, and panels do not import each other. Within a frame results are loaded into the state, panels
-//! and dialogs draw it and request actions, and `app::dispatch` runs these.
+//! Imports only go down, and panels do not import each other. In each frame results are loaded into the state. Panels and
+//! dialogs draw it and request actions, and `app::dispatch` runs the actions.
 
 pub(crate) mod app;
 pub(crate) mod canvas;

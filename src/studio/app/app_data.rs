@@ -27,7 +27,7 @@ const GEOMETRY: &str = "app.ron";
 /// Folder of the snapshots.
 pub const SNAPSHOTS: &str = "kept";
 
-/// Why a folder cannot store application data.
+/// Reason why a folder cannot store application data.
 #[derive(Debug, Error)]
 #[error("{} cannot be written ({reason})", folder.display())]
 pub struct AppDataError {
@@ -38,10 +38,10 @@ pub struct AppDataError {
 /// The folder of the application data, and the thread that writes its files.
 pub struct AppData {
     folder: PathBuf,
-    /// Preferences that were written last.
+    /// Preferences written last.
     preferences: Preferences,
     layout: String,
-    /// What the file of preferences was last given by this window.
+    /// Content of the preferences file that this window wrote last.
     written: Arc<Mutex<Value>>,
     writer: FileWriter,
 }
@@ -86,7 +86,7 @@ impl AppData {
         files.into_iter().filter(is_newer).filter_map(refused).map(|error| error.to_string()).collect()
     }
 
-    /// The renderer that the preferences of a folder name.
+    /// Renderer in the preferences of a folder.
     pub fn renderer(folder: &Path) -> Option<RendererChoice> {
         PREFERENCES_KIND.read::<Preferences>(&folder.join(PREFERENCES)).ok().map(|preferences| preferences.renderer)
     }
@@ -152,14 +152,14 @@ impl AppData {
     }
 }
 
-/// Content of the preferences file after a change from `before` to `now`; changes of another window are kept.
+/// Content of the preferences file after a change from `before` to `now`. Changes by another window stay.
 fn changed(path: &Path, before: &Value, now: Value) -> Value {
     let (Ok(Value::Object(mut file)), Value::Object(now)) = (read_json(path), &now) else { return now };
     for (name, value) in now.iter().filter(|&(name, value)| before.get(name) != Some(value)) {
         let value = if name == "recent" { with_others(value, file.get(name)) } else { value.clone() };
         file.insert(name.clone(), value);
     }
-    // The writer puts them in front of the content.
+    // The writer adds them before the content.
     for mark in ["format", "format_version"] {
         file.remove(mark);
     }
@@ -182,7 +182,7 @@ fn with_others(own: &Value, known: Option<&Value>) -> Value {
     }
 }
 
-/// Content of a file; none if the value cannot be written as JSON.
+/// Content of a file; `None` if the value cannot be written as JSON.
 fn bytes_of(value: &impl Serialize) -> Option<Vec<u8>> {
     text_of(value).ok().map(String::into_bytes)
 }

@@ -56,8 +56,8 @@ pub fn default_layout() -> Tree<Pane> {
     Tree::new(egui::Id::unique("rooms"), root, tiles)
 }
 
-/// A valid layout from a file. Unknown panels are dropped, missing ones are added beside the scene. None if the file holds
-/// no layout.
+/// A valid layout from a file. Unknown panels are dropped, missing ones are added beside the scene. `None` if the file
+/// holds no layout.
 pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
     if !is_sound(&tree) {
         return None;
@@ -87,7 +87,7 @@ pub fn restored(mut tree: Tree<Pane>) -> Option<Tree<Pane>> {
     is_sound(&tree).then_some(tree)
 }
 
-/// Whether every tile can be reached from the root, in one way.
+/// Whether every tile is reachable from the root in exactly one way.
 fn is_sound(tree: &Tree<Pane>) -> bool {
     let mut seen = BTreeSet::new();
     let mut waiting: Vec<TileId> = tree.root.into_iter().collect();
@@ -219,7 +219,7 @@ mod tests {
         let mut tree = default_layout();
         let _ = tree.tiles.insert_pane(Pane::Mask);
         assert!(restored(tree).is_none(), "a panel that cannot be reached");
-        // A container that holds itself.
+        // A container that contains itself.
         let mut tree = default_layout();
         let root = tree.root.unwrap();
         if let Some(Tile::Container(container)) = tree.tiles.get_mut(root) {

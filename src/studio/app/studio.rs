@@ -48,7 +48,7 @@ pub struct Studio {
     pace: RepaintThrottle,
     /// Data that outlives the session.
     app_data: Option<AppData>,
-    /// Unsaved designs of earlier sessions that are still to be offered.
+    /// Unsaved designs of earlier sessions that are not yet offered.
     left_behind: Vec<Recovered>,
 }
 
@@ -61,7 +61,7 @@ impl Studio {
         ctx.all_styles_mut(|style| {
             style.spacing.item_spacing = egui::vec2(6.0, 4.0);
             style.interaction.tooltip_delay = 0.4;
-            // The default of secondary text is too faint on white.
+            // The default of secondary text has too little contrast on white.
             style.visuals.weak_text_alpha = 0.75;
         });
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
@@ -83,7 +83,7 @@ impl Studio {
         })
     }
 
-    /// Notes which renderer draws the window.
+    /// Stores the name of the renderer that draws the window.
     pub fn drawn_by(&mut self, renderer: RendererChoice) {
         self.state.renderer = Some(renderer.name());
     }
@@ -98,7 +98,7 @@ impl Studio {
         self.state.messages.push(Severity::Notice, notice);
     }
 
-    /// Stores preferences, layout, unsaved changes, snapshots and runs in a folder, and loads those that are there. A message
+    /// Stores preferences, layout, unsaved changes, snapshots and runs in a folder, and loads existing ones. A message
     /// reports failures.
     pub fn keep_data_in(&mut self, ctx: &egui::Context, folder: &Path) {
         let (preferences, layout) = AppData::read(folder);
@@ -123,7 +123,7 @@ impl Studio {
         if self.app_data.is_none() {
             return;
         }
-        // A design of the command line is a recent file, too.
+        // A design given on the command line is also a recent file.
         if let Some(path) = self.state.session.path().map(Path::to_path_buf) {
             self.state.preferences.remember(&path);
         }
@@ -234,7 +234,7 @@ impl Studio {
         &self.state.session
     }
 
-    /// Whether no dialog has the keyboard.
+    /// Whether no dialog has the keyboard focus.
     fn takes_shortcuts(&self) -> bool {
         !self.state.path_dialog.is_open()
             && self.state.pending_transition.is_none()
@@ -312,7 +312,7 @@ impl Studio {
         }
     }
 
-    /// Notes that the window closes in an orderly way.
+    /// Performs an orderly close of the window.
     fn close(&mut self) {
         self.closing = true;
         self.state.session.close();
@@ -426,7 +426,7 @@ impl eframe::App for Studio {
     }
 
     fn persist_egui_memory(&self) -> bool {
-        // Stored data have files of their own.
+        // Application data are stored in separate files.
         false
     }
 

@@ -14,7 +14,7 @@ use crate::studio::app::window_system::WindowSystem;
 use crate::studio::state::preferences::RendererChoice;
 use crate::studio::widgets::clipboard::Clipboard;
 
-/// Why there is no window.
+/// Reason why there is no window.
 #[derive(Debug, Error)]
 pub enum WindowError {
     /// No display answers.

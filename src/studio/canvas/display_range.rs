@@ -327,7 +327,7 @@ mod tests {
     fn rules_follow_the_image_and_fixed_ranges_do_not() {
         let mut image = Array2::from_shape_fn((50, 40), |(row, col)| (row * 40 + col) as f32);
         assert_eq!(DisplayRange::Full.limits(image.view(), None), (0.0, 1999.0));
-        // 0.35 % of 2000 pixels are seven at either end.
+        // At either end 0.35 % of 2000 pixels are clipped.
         assert_eq!(DisplayRange::Auto.limits(image.view(), None), (7.0, 1992.0));
         image[(0, 0)] = 1e6;
         assert_eq!(DisplayRange::Full.limits(image.view(), None), (0.0, 1e6), "1 is as good as 0 there");

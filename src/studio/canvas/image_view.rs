@@ -36,7 +36,7 @@ impl ColourPalettes {
 /// Identifies an image: revision and index.
 pub type Version = (u64, usize);
 
-/// Everything a texture depends on.
+/// Data that a texture depends on.
 #[derive(Clone, Copy, PartialEq)]
 struct TextureKey {
     version: Version,
@@ -63,7 +63,7 @@ pub struct ImageView {
     /// Rule of the display range, and whether the histogram is logarithmic.
     levels: DisplayRange,
     logarithmic: bool,
-    /// Display range (low, high), and what it was derived from.
+    /// Display range (low, high), and the data it was derived from.
     limits: (f32, f32),
     levelled: Option<(Version, DisplayRange)>,
     /// Display range that this image shares with others.
@@ -246,7 +246,7 @@ impl ImageView {
 
     /// Name, coordinates and value of the pixel under the pointer.
     pub fn describe_pixel(&self, image: ArrayView2<'_, f32>, (x, y): (f64, f64)) -> Option<String> {
-        // Adding 0 makes 0 of -0.
+        // Adding 0 turns -0 into 0.
         let (col, row) = (x.round() + 0.0, y.round() + 0.0);
         if col < 0.0 || row < 0.0 {
             return None;

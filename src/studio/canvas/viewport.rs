@@ -215,7 +215,7 @@ mod tests {
         let all = Viewport::default().placement(fit(), DIM);
         assert_eq!(all.pixels_in(fit(), DIM), (0..48, 0..64));
         let viewport = Viewport::default().zoomed(8.0, fit().min, fit(), DIM).placement(fit(), DIM);
-        // 40 points a pixel: 6 rows and 8 columns are seen from the corner on.
+        // 40 points per pixel: 6 rows and 8 columns are visible from the corner on.
         assert_eq!(viewport.pixels_in(fit(), DIM), (0..6, 0..8));
         let apart = Rect::from_min_size(pos2(-900.0, -900.0), vec2(10.0, 10.0));
         let (rows, cols) = viewport.pixels_in(apart, DIM);

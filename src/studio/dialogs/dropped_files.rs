@@ -223,7 +223,7 @@ mod tests {
         turned.reverse();
         let Some((Chosen::Images(found), unused)) = chosen(turned) else { panic!("no images") };
         assert_eq!((found.folder.as_deref(), found.others.len(), unused.len()), (Some(folder.path()), 7, 0));
-        // Some images of a folder are no set, and neither is a single one.
+        // Some images of a folder, or a single one, are not a set.
         for count in [7, 1] {
             let Some((Chosen::Images(found), _)) = chosen(images[..count].to_vec()) else { panic!("no images") };
             assert_eq!((found.folder, found.others.len()), (None, count - 1));

@@ -42,7 +42,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
         Some(Answer::Recover) => {
             state.session.recover(left.remove(0));
             state.selection.clear();
-            // Who recovers a design needs no welcome.
+            // A recovered design replaces the welcome dialog.
             state.onboarding.welcome = false;
             state.preferences.welcomed = true;
             state.messages.push(Severity::Done, "Design recovered; save it to keep it");

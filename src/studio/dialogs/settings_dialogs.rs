@@ -21,7 +21,7 @@ const TWO_COLUMNS: f32 = 860.0;
 /// Width of the names of keys and gestures, points.
 const KEYS: f32 = 170.0;
 
-/// What the mouse and the keyboard do on the mask.
+/// Mouse and keyboard gestures on the mask.
 const ON_THE_MASK: [(&str, &str); 12] = [
     ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
     ("Drag a lenslet", "Move the selection"),

@@ -5,13 +5,13 @@ use std::sync::mpsc::{Receiver, channel};
 
 use crate::studio::state::path_question::{Answer, Picker};
 
-/// Opens the dialog at a path; none if no thread can be started.
+/// Opens the dialog at a path; `None` if no thread can be started.
 pub fn open(ctx: &egui::Context, picker: Picker, start: &Path) -> Option<Receiver<Answer>> {
     let (sender, receiver) = channel();
     let (start, ctx) = (start.to_owned(), ctx.clone());
     let thread = std::thread::Builder::new().name("lenslet-file-dialog".into()).spawn(move || {
         let answer = if can_answer() { ask(picker, &start) } else { Answer::Missing };
-        // The question may be closed; the answer is dropped then.
+        // The question may be closed already; the answer is then dropped.
         let _ = sender.send(answer);
         ctx.request_repaint();
     });

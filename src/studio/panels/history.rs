@@ -10,7 +10,7 @@ use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
-/// Shows the bounds after each edit; returns a request to export them.
+/// Shows the bounds after each edit. Returns a request to export them.
 pub fn show(ui: &mut Ui, history: &EditHistory) -> Option<Request> {
     let mut request = None;
     toolbar(ui, |ui| {

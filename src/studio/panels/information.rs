@@ -112,7 +112,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
         _ => patch,
     };
     let text = RichText::new(text).size(28.0);
-    // Numbers of a followed run lag behind its masks.
+    // Numbers of a run in progress lag behind its masks.
     let is_followed = run.is_some() && state.session.is_following();
     let is_current = summary.current || is_followed;
     let text = if is_current { text.strong() } else { text.weak() };
@@ -144,7 +144,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     ui.add_space(4.0);
 }
 
-/// Bound of a run with its sign: at least or at most.
+/// Bound of a run with its sign: lower or upper bound.
 fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
     let lower = run.lower.as_ref().map(|lower| ('\u{2265}', lower));
     lower.or_else(|| Some(('\u{2264}', run.upper.as_ref()?)))

@@ -1,4 +1,4 @@
-//! The window of jobs: progress, log and a stop button for each.
+//! The window of jobs: progress, log and a stop button for each job.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::workbench::{Activity, ActivityState};
 /// Height of a progress bar, points.
 const BAR: f32 = 16.0;
 
-/// Draws the window if it is open; returns what its buttons ask for.
+/// Draws the window if it is open. Returns the requests of its buttons.
 pub fn show(ctx: &egui::Context, open: &mut bool, all: &[Arc<Activity>]) -> Vec<Request> {
     let mut requests = Vec::new();
     // Placed beside the panels that start jobs.
@@ -93,7 +93,7 @@ fn entry(ui: &mut Ui, requests: &mut Vec<Request>, activity: &Arc<Activity>) {
     }
 }
 
-/// The log as text, a line each.
+/// The log as text, one entry per line.
 fn log_text(activity: &Activity) -> String {
     let lines = activity.log.iter().map(|(seconds, text)| format!("{seconds:>8.1} s  {text}\n"));
     format!("{}\n{}", activity.name, lines.collect::<String>())

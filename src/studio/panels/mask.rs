@@ -31,7 +31,7 @@ const WHEEL_FACTOR: f64 = 1.08;
 const POINTS_PER_NOTCH: f32 = 40.0;
 /// Length of the longest gradient arrow, PSF px.
 const LONGEST_ARROW_PX: f64 = 3.0;
-/// Colour of gradient arrows, which no colour map contains.
+/// Colour of gradient arrows. No colour map contains it.
 const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
 /// Minimal radius of a handle, points.
 const MIN_HANDLE: f32 = 7.0;
@@ -58,7 +58,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
         };
-        // The rest of the row: the text does not change the size of the image.
+        // The rest of the row. The text does not change the size of the image.
         let room = vec2(ui.available_size_before_wrap().x, ui.spacing().interact_size.y);
         if room.x > 60.0 {
             ui.allocate_ui(room, |ui| ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()));
@@ -110,7 +110,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     keyboard(ui, state, array, &shown);
 }
 
-/// Draws the position gradient of each lenslet, by the previewed run or the live estimate; the longest arrow has
+/// Draws the position gradient of each lenslet, from the previewed run or the live estimate. The longest arrow has
 /// [`LONGEST_ARROW_PX`].
 fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let significant =
@@ -211,7 +211,7 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
     }
 }
 
-/// Starts the drag of a lenslet, together with its selection.
+/// Starts a drag of a lenslet and its selection.
 fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, pointer: Pos2) {
     if !state.selection.contains(&index) {
         select(state, index, ui.input(|input| input.modifiers.shift));

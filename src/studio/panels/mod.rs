@@ -1,4 +1,4 @@
-//! One file per panel of the window, and the parts that panels are made of.
+//! One file per panel of the window, and the parts shared by panels.
 
 pub mod compare;
 pub mod estimates;

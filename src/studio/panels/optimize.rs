@@ -1,4 +1,4 @@
-//! Runs that optimize the mask: what to start, how it goes, and every mask on the way.
+//! Runs that optimize the mask: form of a new run, progress, and every mask on the way.
 
 use egui::{ComboBox, ProgressBar, Ui};
 
@@ -42,7 +42,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     });
 }
 
-/// What to start.
+/// Form of a new run.
 fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     let form = &mut state.optimize_form;
     ui.horizontal_wrapped(|ui| {
@@ -112,7 +112,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         }
         let Some(last) = last.filter(|run| !run.is_active()) else { return };
         let is_extended = last.status == RunStatus::Finished;
-        // Several finished starts have several results, from each of which a new run can start.
+        // Several finished starts have several results. A new run can start from each of them.
         if is_extended && last.start_number.1 > 1 {
             return;
         }
@@ -128,7 +128,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
     });
 }
 
-/// What may change, and how.
+/// Form of the free parameters and the settings.
 fn details(ui: &mut Ui, state: &mut State) {
     let locked = state.locks.indices().len();
     let form = &mut state.optimize_form;
@@ -247,7 +247,7 @@ fn schedule(ui: &mut Ui, settings: &mut IdealSettings) {
     });
 }
 
-/// What a mask can climb, and what that is good for.
+/// Objectives, with tooltips.
 const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::Posterior, "Lower bound by a decoder, for beads and the default preset. It takes minutes"),
     (
@@ -257,11 +257,11 @@ const OBJECTIVES: [(Objective, &str); 3] = [
     (Objective::PixelCnn, "Upper bound by the published PixelCNN, for the paper preset. It takes hours"),
 ];
 
-/// The rates by which lenslets moved before the published objects.
+/// Learning rates of lenslets for the published objects.
 const PUBLISHED_RATES: [(&str, Rates); 3] =
     [("beads, Fashion-MNIST", Rates::PAPER), ("MNIST", Rates::PAPER_MNIST), ("CIFAR-10", Rates::PAPER_CIFAR)];
 
-/// The run that goes on.
+/// Progress of the active run.
 fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let steps = run.settings.steps;
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));

@@ -1,4 +1,5 @@
-//! The strip that says that a mask of the run is shown in place of the open design, and what can become of it.
+//! Banner of a preview: a mask of the run is shown in place of the open design. Its buttons accept the mask or end the
+//! preview.
 
 use egui::{RichText, Ui};
 
@@ -9,7 +10,7 @@ use crate::studio::widgets::format::file_name;
 /// Least width for a third button, points.
 const ROOM: f32 = 640.0;
 
-/// Shows the strip while such a mask is shown.
+/// Shows the banner during a preview.
 pub fn show(ui: &mut Ui, state: &mut State) {
     if !state.session.is_previewing() {
         return;
@@ -18,7 +19,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let frame = egui::Frame::new().fill(fill).inner_margin(egui::Margin::symmetric(8, 4));
     egui::Panel::top("run strip").frame(frame).show(ui, |ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            // In a narrow window that is left to the Edit menu; without it the other button may do the same.
+            // In a narrow window the Edit menu has the third action; without that action the other button can do the
+            // same.
             let has_room = ui.available_width() > ROOM && state.session.can_accept();
             let actions = [Action::EndPreview, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
             for action in actions {

@@ -11,17 +11,17 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Command, Live};
 
-/// What the panel shows.
+/// Data that the panel shows.
 pub struct SceneView<'a> {
     /// The shown design.
     pub design: &'a Design,
     /// Its results.
     pub live: &'a Live,
-    /// Why it has no results, if it failed.
+    /// Reason why there are no results.
     pub failure: Option<&'a str>,
 }
 
-/// Shows the settings; returns what their controls ask for.
+/// Shows the settings. Returns the requests of their controls.
 pub fn show(ui: &mut Ui, scene: &SceneView<'_>) -> Vec<Request> {
     let mut requests = Vec::new();
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {

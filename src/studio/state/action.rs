@@ -26,7 +26,7 @@ pub enum Action {
     OpenObjects,
     /// Imports a PSF.
     ImportPsf,
-    /// Fits lenslets to the PSF of a mask that has none.
+    /// Fits lenslets to the PSF of a mask without lenslets.
     FitLenslets,
     /// Exports PSF and design.
     ExportDesign,
@@ -42,7 +42,7 @@ pub enum Action {
     Delete,
     /// Adds a lenslet in the middle.
     AddLenslet,
-    /// Starts the run that the form of the Optimize panel describes.
+    /// Starts the run of the form in the Optimize panel.
     StartRun,
     /// Stops the run, which can be resumed.
     StopRun,
@@ -291,7 +291,7 @@ impl Action {
         pressed
     }
 
-    /// The action of a key, if any; `typing` is true if a text field has the keyboard.
+    /// Action of a key, if any. `typing` is true if a text field has the keyboard.
     fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
         // A second shortcut that is common in other programs.
@@ -307,7 +307,7 @@ impl Action {
             .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
     }
 
-    /// Whether a text field has this action for its own text.
+    /// Whether a text field handles this action for its own text.
     fn is_for_text(self) -> bool {
         matches!(self, Self::Undo | Self::Redo | Self::SelectAll | Self::Delete)
     }

@@ -223,7 +223,7 @@ impl State {
         }
     }
 
-    /// Performs a transition.
+    /// Performs a transition without confirmation.
     pub fn perform_transition(&mut self, ctx: &egui::Context, what: Transition) {
         self.pending_transition = None;
         if matches!(what, Transition::New | Transition::Sample(_)) {
@@ -240,7 +240,7 @@ impl State {
         }
     }
 
-    /// Requests an action, which runs when all panels are drawn.
+    /// Requests an action. It runs after all panels are drawn.
     pub fn act(&mut self, action: Action) {
         self.actions.push_back(action);
     }
@@ -341,7 +341,7 @@ impl State {
         Vec::new()
     }
 
-    /// Sets the folder of unsaved changes; none for the default one. Designs that lie there are offered at the next start.
+    /// Sets the folder of unsaved changes; `None` for the default one. Designs in it are offered at the next start.
     pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
         self.preferences.unsaved = folder;
         drop(self.keep_unsaved());
@@ -358,7 +358,7 @@ impl State {
         self.live.measurements.as_ref().filter(|measurements| self.is_current(measurements.revision))
     }
 
-    /// Why the current revision has no results, if it failed.
+    /// Reason why the current revision has no results, if it failed.
     pub fn failure(&self) -> Option<&str> {
         let (revision, failure) = self.live.failure.as_ref()?;
         self.is_current(*revision).then_some(failure.as_str())
@@ -393,7 +393,7 @@ impl State {
         }
     }
 
-    /// Copies a command line, or reports why there is none.
+    /// Copies a command line, or reports why none exists.
     pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
         match command {
             Ok(text) => self.copy(ctx, text, "Command line"),

@@ -1,11 +1,11 @@
-//! Which actions can be done now.
+//! Availability of actions.
 
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
 use crate::workbench::DesignRun;
 
 impl State {
-    /// Whether an action can be done now.
+    /// Whether an action is available.
     pub fn can_do(&self, action: Action) -> bool {
         match action {
             Action::Undo => self.session.undoes().is_some(),

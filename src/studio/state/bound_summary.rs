@@ -72,7 +72,7 @@ impl<'a> BoundSummary<'a> {
         Self {
             bounds,
             current: state.is_current(revision),
-            // A live estimate of an earlier edit says nothing about a mask of a run.
+            // A live estimate of an earlier edit does not apply to a mask of a run.
             live: live.filter(|(_, current)| *current || (run.is_none() && run_of_sensor.is_none())),
             run,
             run_of_sensor,

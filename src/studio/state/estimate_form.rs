@@ -11,11 +11,11 @@ pub struct EstimateForm {
     pub kind: Estimator,
     pub length: FitLengthForm,
     pub whole_sensor: bool,
-    /// Number of fits, of which the smallest value counts; a bracket has one.
+    /// Number of fits. The smallest value counts; a bracket has one fit.
     pub trials: usize,
     /// Protocol of a PixelCNN; other estimators have one.
     pub protocol: Protocol,
-    /// Camera images that are estimated instead.
+    /// Camera images to estimate in place of the design.
     pub camera: CameraForm,
     /// Index of the finished estimate whose curve is drawn; the newest if none was chosen.
     pub chosen: Option<usize>,
@@ -30,7 +30,7 @@ impl Default for EstimateForm {
 }
 
 impl EstimateForm {
-    /// Estimators that are fitted, with label and tooltip; the Gaussian bound follows every edit anyway.
+    /// Estimators that are fitted, with label and tooltip. The Gaussian bound is computed after every edit anyway.
     pub const KINDS: [(Estimator, &'static str, &'static str); 3] = [
         (
             Estimator::Bracket,

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::workbench::Command;
 
-/// Which lenslets of the open design are locked.
+/// Set of the locked lenslets of the open design.
 #[derive(Default)]
 pub struct Locks {
     indices: BTreeSet<usize>,
@@ -46,7 +46,8 @@ impl Locks {
         self.lenslets = lenslets;
     }
 
-    /// Restores the locks of the lenslet list of this number, as after an undo; none for a list of another document or a run.
+    /// Restores the locks of the lenslet list of this number, for example after an undo. A list of another document or a
+    /// run has none.
     pub fn check(&mut self, lenslets: u64) {
         if self.lenslets != lenslets {
             self.keep();

@@ -1,13 +1,13 @@
-//! Messages to the user: what was done, what to know, what failed.
+//! Messages to the user: completed work, notices, failures.
 
-/// How serious a message is.
+/// Severity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
-    /// Something was done.
+    /// Something was completed.
     Done,
-    /// Something to know.
+    /// A notice.
     Notice,
-    /// Something was not done.
+    /// Something failed.
     Failure,
 }
 

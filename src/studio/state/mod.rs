@@ -1,4 +1,4 @@
-//! What the window shows and what its forms hold: plain data.
+//! Data that the window shows and its forms hold.
 
 pub mod action;
 pub mod app_state;

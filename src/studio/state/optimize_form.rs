@@ -38,7 +38,7 @@ pub struct OptimizeForm {
     pub heuristic: usize,
     /// Lenslets of random starts.
     pub count: usize,
-    /// Seed of the first of them and of the run, where it is not that of the design.
+    /// Seed of the first random start and of the run, where it differs from that of the design.
     pub seed: Option<u64>,
     pub settings: IdealSettings,
     /// The objective, if the user chose one.
@@ -71,7 +71,7 @@ impl Default for OptimizeForm {
 impl OptimizeForm {
     /// Steps by which a finished run is extended.
     pub fn further_steps(&self, run: &DesignRun) -> usize {
-        // Steps for another objective do not suit this run.
+        // Steps set for another objective do not suit this run.
         let of_run = Some(&run.settings).filter(|settings| settings.objective != self.settings.objective);
         of_run.unwrap_or(&self.settings).steps
     }

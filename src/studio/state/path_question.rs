@@ -19,7 +19,7 @@ pub enum PathPurpose {
     OpenDesign,
     /// Saves the design under another name.
     SaveAs,
-    /// Images the objects of a file or folder.
+    /// Opens the objects of a file or folder.
     OpenObjects,
     /// Chooses images of a camera to estimate from.
     ChooseImages,
@@ -191,7 +191,7 @@ pub struct PathDialog {
 pub struct PathQuestion {
     pub purpose: PathPurpose,
     pub path: String,
-    /// Path from the dialog of the system until the text is edited; it may be no Unicode.
+    /// Path from the dialog of the system until the text is edited. It need not be Unicode.
     pub chosen: Option<PathBuf>,
     /// Preview of the file.
     pub preview: Preview,
@@ -201,9 +201,9 @@ pub struct PathQuestion {
     pub format: MeasurementFormat,
     /// Answer of the dialog of the system, while it is open.
     pub system: Option<Receiver<Answer>>,
-    /// The system has no file dialog.
+    /// Whether the system has no file dialog.
     pub is_alone: bool,
-    /// The path field requests the keyboard.
+    /// Whether the path field requests the keyboard focus.
     pub focus: bool,
     /// Files whose replacement was confirmed or asked about.
     pub replaced: Vec<PathBuf>,

@@ -94,7 +94,7 @@ pub enum RendererChoice {
 }
 
 impl RendererChoice {
-    /// The renderer that is tried when this one does not start.
+    /// The renderer tried when this one does not start.
     #[must_use]
     pub fn other(self) -> Self {
         match self {

@@ -1,4 +1,4 @@
-//! What a panel asks for when it draws a slice of the state.
+//! Requests of panels that draw a part of the state.
 
 use std::sync::Arc;
 
@@ -6,11 +6,11 @@ use crate::studio::state::path_question::PathPurpose;
 use crate::studio::widgets::number_field::Edit;
 use crate::workbench::{Activity, Command};
 
-/// A request of a panel, which is served when the panel is drawn.
+/// A request of a panel. It is served when the panel is drawn.
 pub enum Request {
     /// Changes the design, as one undo step with the other changes of the gesture.
     Change(Command),
-    /// Changes the design as a number field says.
+    /// Changes the design by an edit of a number field.
     ChangeBy(Edit, Command),
     /// Changes the design, as an undo step of its own.
     ChangeInOneStep(Command),

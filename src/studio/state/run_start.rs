@@ -1,4 +1,4 @@
-//! Starts the run that the form of the Optimize panel describes.
+//! Starting the run of the form in the Optimize panel.
 
 use std::sync::Arc;
 

@@ -77,7 +77,7 @@ impl Preview {
         let (sender, receiver) = channel();
         let (path, ctx) = (text.trim().to_owned(), ctx.clone());
         let thread = std::thread::Builder::new().name("lenslet-file-preview".into()).spawn(move || {
-            // The dialog may be closed; the answer is dropped then.
+            // The dialog may be closed already; the answer is then dropped.
             let _ = sender.send(FilePreview::of(Path::new(&path), of));
             ctx.request_repaint();
         });

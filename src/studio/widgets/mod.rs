@@ -1,4 +1,4 @@
-//! Controls that know nothing of designs: number fields, modal dialogs, the clipboard.
+//! Controls that do not depend on designs: number fields, modal dialogs, the clipboard.
 
 pub mod clipboard;
 pub mod colours;

@@ -179,7 +179,7 @@ mod tests {
         }
     }
 
-    /// The rules again, one character after the other, as a table of states would say them.
+    /// An independent implementation of the rules, as a state table, character by character.
     fn by_the_rules(text: &str) -> Option<f64> {
         let text = text.trim();
         let (mut plain, mut separator, mut before, mut after, mut exponent) = (String::new(), None, 0, 0, None);

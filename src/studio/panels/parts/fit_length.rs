@@ -1,4 +1,4 @@
-//! Controls of the length of a fit: steps, which are reproducible, or time.
+//! Controls of the length of a fit: a number of steps, which is reproducible, or a time.
 
 use egui::{ComboBox, Ui};
 

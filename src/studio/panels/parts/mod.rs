@@ -1,4 +1,4 @@
-//! Parts that several panels are made of.
+//! Parts shared by several panels.
 
 pub mod action_entry;
 pub mod camera_form;

@@ -1,4 +1,4 @@
-//! What came of a run: its results, every mask on the way with its numbers, and their curves.
+//! Results of a run: its designs, every mask on the way with its numbers, and their curves.
 
 use std::sync::Arc;
 
@@ -16,16 +16,16 @@ use crate::studio::widgets::colours::{DENSITY, LOWER, TRAJECTORY};
 use crate::studio::widgets::controls::name_widget;
 use crate::workbench::{DesignRun, RunStatus, comparison_summary, curve_of, estimate_command, patches_of, run_command};
 
-/// Height of what stands above the curve of a run, its numbers and the slider, in points.
+/// Height of the numbers and the slider above the curve of a run, points.
 const ABOVE_PLOT: f32 = 84.0;
-/// Width of the button beside that slider, in points.
+/// Width of the button beside that slider, points.
 const NEWEST_WIDTH: f32 = 68.0;
 /// Colour of the Tamura coefficient in plots.
 const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
 /// Colour of the number of lenslets in plots.
 const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
 
-/// Shows the run, or the one that led to the result that was chosen; `room` points of height are seen without scrolling.
+/// Shows the run, or the run of the chosen result. `room` points of height are visible without scrolling.
 pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
     let chosen = state.optimize_form.chosen.clone();
     let run = chosen.as_deref().unwrap_or(all);
@@ -46,8 +46,8 @@ pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
     other_plots(ui, run);
 }
 
-/// Takes up what has become of the run. When it has come to its end its result is shown, of several starts the best: that is the mask
-/// which was scored, without dark lenslets.
+/// Loads the state of the run. A finished run shows its result; of several starts it is the best. This is the scored
+/// mask, without dark lenslets.
 pub fn take_up(state: &mut State) {
     let was_followed = state.session.is_following();
     state.run = state.session.sync_run();
@@ -72,17 +72,17 @@ fn show_result(state: &mut State, run: &DesignRun, place: usize) {
     }
 }
 
-/// The place among the results of `all` of the one that a run has led to.
+/// Index of the result of a run among the results of `all`.
 fn place_of(all: &DesignRun, run: &DesignRun) -> Option<usize> {
     let record = run.record.as_ref()?;
     all.ranked.iter().position(|result| result.record.as_ref().is_some_and(|other| Arc::ptr_eq(other, record)))
 }
 
-/// What a mask is worth.
+/// Shows the score of a mask.
 fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
     let checkpoint = &run.checkpoints[shown];
     ui.horizontal(|ui| {
-        // What is left beside the button in the corner.
+        // The space beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 20.0);
         ui.allocate_ui_with_layout(room, Layout::left_to_right(Align::Min).with_main_wrap(true), |ui| {
             ui.set_min_width(room.x);
@@ -101,7 +101,7 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
             ui.strong(format!("{sign} {}", with_interval(checkpoint.bits_per_pixel, checkpoint.interval_95)));
             let text = format!("bits per pixel at step {}", checkpoint.step);
             ui.label(text).on_hover_text(hint);
-            // The last that was taken up to this checkpoint.
+            // The newest lower bound up to this checkpoint.
             if let Some(lower) = run.checkpoints[..=shown].iter().rev().find_map(|checkpoint| checkpoint.lower) {
                 let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
                 ui.colored_label(LOWER, text).on_hover_text(
@@ -122,7 +122,7 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
     .on_hover_text(COUNTS);
 }
 
-/// What can be taken from the run.
+/// Menu that copies, exports or opens parts of the run.
 fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     let more = ui.menu_button("...", |ui| {
         if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
@@ -144,7 +144,7 @@ fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     name_widget(&more.response.on_hover_text(hint), "More of the run");
 }
 
-/// A slider over all masks so far, from that of the start to the newest.
+/// Slider over all masks, from the start to the newest.
 fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
     let last = run.checkpoints.len() - 1;
     ui.horizontal(|ui| {
@@ -190,7 +190,7 @@ fn points(run: &DesignRun, value: &dyn Fn(&Checkpoint) -> f64) -> PlotPoints<'st
     run.checkpoints.iter().map(|checkpoint| [checkpoint.step as f64, value(checkpoint)]).collect()
 }
 
-/// Information with its interval; a line marks the mask that is shown.
+/// Information with its interval. A line marks the shown mask.
 fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
     let link = ui.scope_id().with("run");
     let (name, colour) = match run.settings.objective {
@@ -228,7 +228,7 @@ fn information_plot(ui: &mut Ui, run: &DesignRun, shown: usize, height: f32) {
         });
 }
 
-/// What becomes of the mask.
+/// Curves of Tamura coefficient and number of lenslets.
 fn other_plots(ui: &mut Ui, run: &DesignRun) {
     let link = ui.scope_id().with("run");
     for (name, axis, colour, value) in [
@@ -250,7 +250,7 @@ fn other_plots(ui: &mut Ui, run: &DesignRun) {
     }
 }
 
-/// What the run had to do besides climbing.
+/// Notes on the events of the run, such as reverts and relocations.
 fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     for line in IdealEvent::event_summary(&run.events) {
         ui.weak(line);
@@ -258,7 +258,7 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
     if let Some(sentence) = gain_summary(&run.checkpoints, run.settings.objective).filter(|_| !run.is_active()) {
         ui.weak(sentence);
     }
-    // The ceiling of this mask, in patches like those of the run.
+    // The object-entropy bound of this mask, for patches like those of the run.
     let is_shown = state.session.design().encoder.lenslets() == Some(&*run.array);
     let information = state.live.information.as_ref().filter(|information| {
         is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
@@ -367,7 +367,7 @@ fn with_intervals(estimate: &Estimate) -> String {
     }
 }
 
-/// An estimate in little room.
+/// An estimate as a short text.
 fn short(estimate: &Estimate) -> String {
     match estimate.lower() {
         Some(lower) => between(lower, estimate.bits_per_pixel),

@@ -1,4 +1,4 @@
-//! The ways that lenslets took in a run, over the picture of its mask.
+//! Trajectories of the lenslets of a run, drawn over the image of its mask.
 
 use std::ops::RangeInclusive;
 
@@ -10,7 +10,7 @@ use crate::studio::canvas::viewport::Placement;
 use crate::studio::state::app_state::State;
 use crate::studio::widgets::colours::TRAJECTORY;
 
-/// Draws the ways of all lenslets where the mask is one of the last run, the bright ones more clearly.
+/// Draws the trajectories of all lenslets where the mask belongs to the last run, the bright ones more clearly.
 pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
     let form = &state.optimize_form;
     let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trajectories) else { return };
@@ -30,7 +30,7 @@ pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) 
     }
 }
 
-/// What a lenslet was in the masks on its way to the checkpoint that is shown, or to the newest mask where none is.
+/// States of a lenslet in the checkpoints up to the shown one, or up to the newest where none is shown.
 fn way<'a>(
     checkpoints: &'a [Checkpoint],
     events: &[IdealEvent],
@@ -39,15 +39,16 @@ fn way<'a>(
 ) -> impl Iterator<Item = &'a Lenslet> {
     let before = &checkpoints[..shown.map_or(checkpoints.len(), |shown| shown + 1)];
     let last = before.last().map_or(0, |checkpoint| checkpoint.step);
-    // Masks that the run came back from are not on the way.
+    // Masks that the run discarded by a revert are not part of the trajectory.
     let given_up = |at: usize| {
         let until_then = |steps: &RangeInclusive<usize>| *steps.end() <= last;
         events.iter().filter_map(IdealEvent::discarded_steps).filter(until_then).any(|steps| steps.contains(&at))
     };
-    // A lenslet that was put elsewhere took no way there.
+    // A relocated lenslet starts a new trajectory.
     let relocated = |event: &IdealEvent| match *event {
         IdealEvent::Relocated { step, lenslet } if lenslet == index && !given_up(step) => {
-            // Of the two checkpoints where a run that had ended goes on, the later one is after it; one may still be to come.
+            // Where a finished run was resumed, two checkpoints have the same step, and the later one counts. It may not
+            // exist yet.
             let at = checkpoints.iter().rposition(|checkpoint| checkpoint.step == step).unwrap_or(checkpoints.len());
             (at < before.len() || shown.is_none()).then_some(at)
         }
@@ -62,7 +63,7 @@ fn way<'a>(
 mod tests {
     use super::*;
 
-    /// Frames every ten steps with a lenslet at x = steps / 10.
+    /// Checkpoints every ten steps with a lenslet at x = steps / 10.
     fn checkpoints(count: usize) -> Vec<Checkpoint> {
         let checkpoint = |number: usize| Checkpoint {
             step: 10 * number,
@@ -105,7 +106,7 @@ mod tests {
         let returned = IdealEvent::Reverted { step: 30, to: 10 };
         assert_eq!(visited(&checkpoints(6), std::slice::from_ref(&returned), None), [0.0, 1.0, 4.0, 5.0]);
         assert_eq!(visited(&checkpoints(6), std::slice::from_ref(&returned), Some(2)), [0.0, 1.0, 2.0]);
-        // What had come to light between is as it was before.
+        // A revert restores the positions before a relocation.
         let events = [IdealEvent::Relocated { step: 20, lenslet: 0 }, returned];
         assert_eq!(visited(&checkpoints(6), &events, None), [0.0, 1.0, 4.0, 5.0]);
     }
