@@ -1,7 +1,8 @@
-//! The house: modules import only from floors below their own, folders inside a floor too, and no long cycle of imports exists.
+//! Architecture of the crate: modules import only from floors below their own, folders inside a floor too, and no long
+//! cycle of imports exists.
 //!
-//! The test parses every file of `src` and follows each import to the file that defines the item, through re-exports. The front page
-//! of the crate explains the floors.
+//! The test parses every file of `src` and traces each import, through re-exports, to the file that defines the item. The
+//! front page of the crate explains the floors.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -11,8 +12,8 @@ use proc_macro2::{TokenStream, TokenTree};
 use syn::visit::Visit;
 use syn::{Item, UseTree};
 
-/// Top-level modules and their floors, ground first. The modules of one floor do not import each other, but for the ground floor,
-/// where the order of this list counts.
+/// Top-level modules and their floors, ground first. The modules of one floor do not import each other. On the ground
+/// floor the order of this list counts.
 const FLOORS: [&[&str]; 9] = [
     &["plural", "seeds", "progress", "formats"],
     &["optics", "objects", "sensor", "nn", "sparsity"],
@@ -32,7 +33,7 @@ const ROOF: [&str; 4] = ["lib", "main", "prelude", ""];
 const BESIDE: [(&str, &str); 4] =
     [("cli", "studio"), ("objects", "sensor"), ("sensor", "objects"), ("objects", "optics")];
 
-/// The modules of a folder from the lowest to the highest; one imports only from those before it and from itself.
+/// The modules of a folder from the lowest to the highest. Each imports only from earlier ones and from itself.
 const ORDER: [(&str, &[&str]); 3] = [
     (
         "information",
@@ -71,7 +72,7 @@ const WINDOW_CRATES: [&str; 11] = [
     "zbus",
 ];
 
-/// Most files in one cycle of imports.
+/// Largest number of files in one cycle of imports.
 const LONGEST_CYCLE: usize = 2;
 
 /// A module of the crate: a file, or a part of one.
@@ -87,7 +88,7 @@ struct Module {
     globs: Vec<Vec<String>>,
 }
 
-/// A path that stands in a file.
+/// A path mentioned in a file.
 struct Mention {
     module: String,
     path: Vec<String>,
@@ -122,7 +123,7 @@ fn is_test(attributes: &[syn::Attribute]) -> bool {
     })
 }
 
-/// The leaves of a `use` tree: path, and the name that it binds; a star binds "*".
+/// The leaves of a `use` tree: the path and the name that it binds. A star binds "*".
 fn leaves(tree: &UseTree, before: &[String], found: &mut Vec<(Vec<String>, String)>) {
     let with = |name: &syn::Ident| before.iter().cloned().chain([name.to_string()]).collect::<Vec<_>>();
     match tree {
@@ -137,7 +138,7 @@ fn leaves(tree: &UseTree, before: &[String], found: &mut Vec<(Vec<String>, Strin
     }
 }
 
-/// Collects what stands in the items of one module.
+/// Collector of the mentions in the items of one module.
 struct Reader<'a> {
     house: &'a mut House,
     file: usize,
@@ -225,7 +226,7 @@ impl<'ast> Visit<'ast> for Reader<'_> {
                 let is_export = !matches!(item.vis, syn::Visibility::Inherited);
                 let line = item.use_token.span.start().line;
                 for (path, name) in found {
-                    // What a folder passes on is no import of its own.
+                    // A re-export by a folder is not an import of its own.
                     if !(is_export && self.is_folder) {
                         self.mention(path.clone(), line);
                     }
@@ -299,7 +300,7 @@ impl House {
         }
     }
 
-    /// The file that defines what a path means in a module; none for other crates, and for modules as such.
+    /// The file that defines the target of a path in a module; `None` for other crates, and for modules themselves.
     fn resolve(&self, module: &str, path: &[String], depth: usize) -> Option<usize> {
         let (first, rest) = path.split_first()?;
         if depth > 32 {
@@ -309,7 +310,7 @@ impl House {
             "crate" | "lenslet_studio" => self.walk("", rest, depth),
             "self" => self.walk(module, rest, depth),
             "super" => self.resolve_above(module, rest, depth),
-            // A name that is bound or defined here; others are of other crates.
+            // A name bound or defined here. Other names belong to other crates.
             _ => self.walk(module, path, depth),
         }
     }
@@ -334,7 +335,7 @@ impl House {
         }
         if let Some(bound) = module.bindings.get(first) {
             let whole: Vec<String> = bound.iter().chain(rest).cloned().collect();
-            // A name that is bound to a path that begins with the same name is another crate's.
+            // A name bound to a path that starts with the same name belongs to another crate.
             return if bound.first() == Some(first) { None } else { self.resolve(start, &whole, depth + 1) };
         }
         module.globs.iter().find_map(|glob| {
@@ -357,7 +358,7 @@ impl House {
         imports
     }
 
-    /// What is wrong with the house, a sentence for each.
+    /// Violations of the architecture, one sentence each.
     fn violations(&self) -> Vec<String> {
         let mut found = self.violations.clone();
         for mention in &self.mentions {
@@ -407,7 +408,7 @@ impl House {
         found
     }
 
-    /// Why a file may not import from another.
+    /// Reason why a file may not import from another.
     fn forbidden(&self, own: usize, target: usize) -> Option<String> {
         let [own, target] = [own, target].map(|file| module_of(&self.files[file]));
         let parts = |module: &str| module.split("::").map(String::from).collect::<Vec<_>>();
@@ -497,7 +498,7 @@ fn read_folder(root: &Path, folder: &Path, sources: &mut Vec<(PathBuf, String)>)
         if path.is_dir() {
             read_folder(root, &path, sources);
         } else if path.extension().is_some_and(|ending| ending == "rs") {
-            // Files that hold tests alone have no place in the house.
+            // Files of tests alone have no place in the architecture.
             let is_test = path.file_stem().is_some_and(|name| name == "tests");
             let name = path.strip_prefix(root).unwrap().to_path_buf();
             sources.extend((!is_test).then(|| (name, fs::read_to_string(&path).unwrap())));
@@ -519,7 +520,7 @@ fn imports_only_go_down_and_cycles_have_two_files_at_most() {
     assert!(found.is_empty(), "\n{}", found.join("\n"));
 }
 
-/// Every number of the window is typed into one kind of field, which reads all of them by the same rules.
+/// Every number of the window uses one kind of field, which parses all numbers by the same rules.
 #[test]
 fn numbers_are_typed_into_the_number_field_alone() {
     for (path, source) in sources().into_iter().filter(|(path, _)| path.starts_with("studio")) {

@@ -1,4 +1,4 @@
-//! No file, however broken, makes a loader panic or reserve what the file cannot hold.
+//! No broken file makes a loader panic or reserve more memory than the file can hold.
 
 use std::io::{Cursor, Write};
 use std::path::PathBuf;
@@ -11,7 +11,7 @@ use proptest::test_runner::RngSeed;
 use tiff::encoder::{TiffEncoder, colortype};
 use zip::{CompressionMethod, ZipWriter, write::SimpleFileOptions};
 
-/// Pixels a file of this length could unpack to at most.
+/// Largest number of pixels that a file of this length can unpack to.
 fn most_pixels(length: usize) -> usize {
     length * 10_000 + (1 << 20)
 }
@@ -60,7 +60,7 @@ fn packed_tiff() -> Vec<u8> {
     file.into_inner()
 }
 
-/// One valid file of every kind that is read.
+/// One valid file of every supported kind.
 fn valid_files() -> Vec<Vec<u8>> {
     vec![
         array("<f4", "(6, 5)", &[0x3f; 120]),
@@ -81,14 +81,14 @@ fn valid_files() -> Vec<Vec<u8>> {
     ]
 }
 
-/// The number of pixels read, or the sentence.
+/// The number of pixels read, or the error sentence.
 fn told<T>(result: Result<T, impl std::fmt::Display>, pixels: impl Fn(&T) -> usize) -> Result<usize, String> {
     result.map(|value| pixels(&value)).map_err(|error| error.to_string())
 }
 
 type Name = fn(PathBuf) -> ObjectSource;
 
-/// Reads the file with every loader; each must succeed within bounds or say in one sentence what is wrong.
+/// Reads the file with every loader. Each must succeed within limits or return one error sentence.
 fn read_with_everything(bytes: &[u8]) -> usize {
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(file.path(), bytes).unwrap();

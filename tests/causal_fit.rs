@@ -1,4 +1,4 @@
-//! Fits of the causal density model: what they keep, and how they go on.
+//! Fits of the causal density model: the states they save, and how they resume.
 
 mod common;
 
@@ -12,7 +12,7 @@ use lenslet_studio::information::{
 };
 use ndarray::Axis;
 
-/// A few patches, again and again.
+/// A few patches, repeated endlessly.
 struct Few(PatchBatch);
 
 impl PatchStream for Few {
@@ -22,7 +22,7 @@ impl PatchStream for Few {
     }
 }
 
-/// A fit of so many steps from drawn weights.
+/// A fit of `steps` steps from random weights.
 fn request<'a>(
     study: &KnownTruth,
     stream: &'a dyn PatchStream,
@@ -73,7 +73,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     let (blind, _) = estimate(None, None, usize::MAX).unwrap();
     assert!(guarded.notes().iter().any(|note| note.contains("score best")), "{:?}", guarded.notes());
     assert!(guarded.bits_per_pixel() < blind.bits_per_pixel() - 0.05, "{guarded:?} {blind:?}");
-    // A fit that is stopped and goes on has not forgotten what it knew before it learnt by heart.
+    // A stopped and resumed fit still has its best weights from before the overfitting.
     let kept = InMemory::default();
     assert_eq!(estimate(Some(&validation), Some(&kept), 900).unwrap_err(), InformationError::Cancelled);
     let (resumed, first) = estimate(Some(&validation), Some(&kept), usize::MAX).unwrap();
@@ -100,7 +100,7 @@ fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
             ControlFlow::Break(())
         });
         assert_eq!(ended.unwrap_err(), InformationError::Cancelled);
-        // What is seen of a fit is what it leaves behind.
+        // The last snapshot of a fit equals the final model.
         assert_eq!(late, bits(&model));
         late
     };
@@ -108,7 +108,7 @@ fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
     assert!(guarded < blind - 0.05, "{guarded} {blind}");
 }
 
-/// Keeps the state of a fit in memory, whenever it may.
+/// Keeps the state of a fit in memory, as often as possible.
 #[derive(Default)]
 struct InMemory(std::sync::Mutex<Option<Vec<u8>>>);
 

@@ -1,5 +1,5 @@
-//! A program that is killed at any moment leaves whole files, and what was not saved can be recovered: a state that the
-//! design had, and none that was left long ago.
+//! A program killed at any moment leaves whole files, and unsaved work can be recovered. The recovered state is a recent
+//! state of the design.
 
 use std::collections::VecDeque;
 use std::fs::File;
@@ -14,18 +14,18 @@ use lenslet_studio::workbench::{Command, LensletChange, Outcome, Recovered, Sess
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Tells the child where to work, the number of its first edit, and after how many edits it saves, 0 for never.
+/// Variables of the child: its folder, the number of its first edit, and the number of edits between saves, 0 for never.
 const FOLDER: &str = "LENSLET_STUDIO_CRASH_FOLDER";
 const FIRST: &str = "LENSLET_STUDIO_CRASH_FIRST_EDIT";
 const SAVES: &str = "LENSLET_STUDIO_CRASH_SAVES";
 const KILLS: usize = 200;
-/// Where the child tells what it is about to do.
+/// File in which the child announces its next step.
 const JOURNAL: &str = "journal";
 const SAVED_FILE: &str = "design.json";
-/// The most that a design which is kept may be behind the open one.
+/// Largest allowed delay of the autosaved design behind the open one.
 const PROMISED: Duration = Duration::from_secs(30);
 
-/// The lenslet that is edited, after the edit of this number. No two are equal.
+/// The edited lenslet after the edit of this number. No two are equal.
 fn edited(edit: u64) -> Lenslet {
     let lenslet = Design::default().encoder.lenslets().unwrap().lenslets[0];
     Lenslet { x: 4.0 + (edit % 200) as f64 * 0.1, y: 4.0 + (edit / 200) as f64 * 0.1, ..lenslet }
@@ -35,7 +35,7 @@ fn command(edit: u64) -> Command {
     Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(0, edited(edit))] }
 }
 
-/// The number of the edit that a design is the result of; it differs from that in nothing.
+/// Number of the edit that produced a design. The design must be equal in every other respect.
 fn edit_of(design: &Design) -> u64 {
     let lenslet = design.encoder.lenslets().unwrap().lenslets[0];
     let edit = ((lenslet.x - 4.0) * 10.0).round() as u64 + 200 * ((lenslet.y - 4.0) * 10.0).round() as u64;
@@ -43,7 +43,7 @@ fn edit_of(design: &Design) -> u64 {
     edit
 }
 
-/// Edits and saves without end; does nothing unless it is started by a test below.
+/// Edits and saves without end. It does nothing unless a test below starts it.
 #[test]
 fn edits_and_saves_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER).map(PathBuf::from) else { return };
@@ -55,7 +55,7 @@ fn edits_and_saves_until_it_is_killed() {
     let mut journal = File::options().append(true).create(true).open(folder.join(JOURNAL)).unwrap();
     let mut saving = VecDeque::new();
     for edit in first.. {
-        // One write each: a kill leaves whole lines.
+        // One write each, so a kill leaves whole lines.
         journal.write_all(format!("edit {edit}\n").as_bytes()).unwrap();
         session.apply(&command(edit)).unwrap();
         assert_eq!(session.note_unsaved(), None);
@@ -71,7 +71,7 @@ fn edits_and_saves_until_it_is_killed() {
     }
 }
 
-/// The program that is to be killed, whatever becomes of the test.
+/// The program to be killed, even if the test fails.
 struct Victim(Child);
 
 impl Victim {
@@ -94,13 +94,13 @@ impl Victim {
 
 impl Drop for Victim {
     fn drop(&mut self) {
-        // It may have ended by itself, which is told where it matters.
+        // It may have ended by itself, which is reported where it matters.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// The last number that the journal tells of this kind.
+/// The last number of this kind in the journal.
 fn last(folder: &Path, kind: &str) -> Option<u64> {
     let journal = std::fs::read_to_string(folder.join(JOURNAL)).unwrap_or_default();
     // A line that is being written has no end yet.
@@ -115,7 +115,7 @@ fn unsaved(folder: &Path) -> Vec<PathBuf> {
     files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).collect()
 }
 
-/// What the window offers when it is opened next.
+/// Designs that the window offers when it is opened next.
 fn offered(folder: &Path) -> Vec<Recovered> {
     let left = unsaved(folder).len();
     let mut session = Session::new(Design::default(), None, || {}).unwrap();
@@ -134,9 +134,9 @@ fn no_kill_tears_a_file_or_loses_what_was_kept() {
     for kills in 0..KILLS {
         let first = last(folder.path(), "edit").map_or(0, |edit| edit + 1);
         let victim = Victim::start(folder.path(), first, 3);
-        // A few are killed while they start, whenever that is on this machine.
+        // A few are killed while they start, whenever that happens on this machine.
         for _ in 0..20_000 {
-            // One in eight has saved, however long that takes on a busy disk.
+            // One in eight has saved, even if that takes long on a busy disk.
             let kind = if kills % 8 == 1 { "saved" } else { "edit" };
             if kills % 8 == 0 || last(folder.path(), kind) >= Some(first) {
                 break;
@@ -162,7 +162,7 @@ fn no_kill_tears_a_file_or_loses_what_was_kept() {
     assert!(saved > KILLS / 2 && recovered > 0, "{saved} saved, {recovered} recovered");
 }
 
-/// The edit that is kept while its program runs.
+/// The autosaved edit while its program runs.
 fn kept(folder: &Path) -> Option<u64> {
     let files = unsaved(folder);
     assert!(files.len() <= 1, "{files:?}");
@@ -180,7 +180,7 @@ fn what_is_recovered_is_no_older_than_promised() {
         assert!(begun.elapsed() < PROMISED, "it does not start");
         std::thread::sleep(Duration::from_millis(1));
     }
-    // However long one edits without a pause, what is kept follows.
+    // During continuous editing the autosaved design keeps up.
     let mut seen = None;
     for _ in 0..2 {
         let (now, asked) = (last(folder, "edit"), Instant::now());

@@ -1,4 +1,4 @@
-//! Decoder lower bounds: below the truth where it can be enumerated, reproducible, and stopped when asked.
+//! Decoder lower bounds: below the enumerated truth, reproducible, and cancellable.
 
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -24,14 +24,14 @@ fn toy(noise: Noise) -> BeadChannel {
     BeadChannel { spot, probability: 0.3, bias: 4.0, noise, patch: (1, 8) }
 }
 
-/// Clean photons of every object of the toy and its probability.
+/// Clean photons of every object of the toy, with its probability.
 fn objects(channel: &BeadChannel) -> Vec<(Vec<f64>, f64)> {
     let (pixels, spot) = (channel.patch.1, channel.spot.len());
     let sites = pixels + spot - 1;
     let each = |object: usize| {
         let lit = |site: usize| object >> site & 1 == 1;
         let clean = |pixel: usize| {
-            // The last pixel of the spot of a site lies on the pixel of its number.
+            // The last spot pixel of a site lies on the pixel of the same number.
             let light = (0..spot).filter(|&k| lit(pixel + spot - 1 - k)).map(|k| channel.spot[[0, 0, k]]);
             channel.bias + light.sum::<f64>()
         };
@@ -42,8 +42,8 @@ fn objects(channel: &BeadChannel) -> Vec<(Vec<f64>, f64)> {
     (0..1 << sites).map(each).collect()
 }
 
-/// Information of the toy under shot noise, bits per pixel, and its standard error: all objects are summed over, and
-/// measurements drawn.
+/// Information of the toy under shot noise, bits per pixel, and its standard error. It sums over all objects and samples
+/// measurements.
 fn exact(channel: &BeadChannel, draws: usize) -> (f64, f64) {
     let objects = objects(channel);
     let mut random = ChaCha8Rng::seed_from_u64(9);
@@ -262,7 +262,8 @@ fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
     assert!(matches!(outcome, Err(InformationError::Probability { .. })));
 }
 
-/// By repeated simulation: each bound of few samples, whose number is decided by their spread, beside that of thousands.
+/// By repeated simulation: bounds of few samples, whose number depends on their spread, against bounds of thousands of
+/// samples.
 #[test]
 fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
     type Bound<'a> = &'a dyn Fn(usize, f64, u64) -> (f64, [f64; 2], usize);
@@ -286,7 +287,7 @@ fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
     let bounds: [(&str, Bound<'_>); 3] = [("decoder", &at_once), ("from below", &below), ("from above", &above)];
     for (name, bound) in bounds {
         let (truth, [low, high], _) = bound(4096, 0.0, 1 << 20);
-        // Some forty samples, from below and above.
+        // Some forty samples, as a lower and an upper limit.
         let half_width = 5.0 * (high - low);
         let told: Vec<_> = (0..REPEATED).map(|seed| bound(256, half_width, seed)).collect();
         let held = told.iter().filter(|(_, [low, high], _)| (*low..=*high).contains(&truth)).count();

@@ -1,4 +1,4 @@
-//! Design files of every version open for ever, and say what they are to those who cannot open them.
+//! Design files of every version can be opened, and identify themselves to readers that cannot open them.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use serde_json::{Value, json};
 
-/// Files written by version 1 of the format. They are never changed: what opened once opens always.
+/// Files written by version 1 of the format. They are never changed: every file that once opened must always open.
 const VERSION_1: [&str; 4] =
     ["design-v1.json", "design-v1-volume.json", "design-v1-diffuser.json", "design-v1-picture.json"];
 
@@ -64,7 +64,7 @@ fn what_is_opened_is_saved_as_it_was() {
         assert_eq!(again, design, "{name}");
         again.save(&twice).unwrap();
         assert!(std::fs::read(&once).unwrap() == std::fs::read(&twice).unwrap(), "{name}");
-        // All entries of the file are in the saved one, in words that the file's readers know.
+        // The saved file has all entries of the old one, under names that older readers know.
         let (old, new) = (json_of(&data(name)), json_of(&once));
         for (key, value) in old.as_object().unwrap() {
             if key != "psf" {
@@ -168,7 +168,8 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// A file with anything in any place is refused in one sentence or is a design that can be rendered and saved.
+    /// A file with an arbitrary value at any place is refused in one sentence, or is a design that can be rendered and
+    /// saved.
     #[test]
     fn changed_files_are_refused_or_are_designs(
         name in prop::sample::select(VERSION_1.to_vec()),

@@ -1,4 +1,4 @@
-//! The gradient of information by the mask, against finite differences and on a case whose answer is plain.
+//! Gradient of information with respect to the mask, against finite differences and in a case with a known answer.
 
 use std::ops::ControlFlow;
 

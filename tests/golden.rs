@@ -1,7 +1,7 @@
-//! Files that earlier versions of the program have written: each of them opens.
+//! Files written by earlier versions of the program: each of them opens.
 //!
-//! `tests/data/golden` holds one of every kind and version. Its names end in the format version; version 0 is that of the kinds
-//! that had none at first. A file of this folder is never changed: a new version gets a new file.
+//! `tests/data/golden` holds one file of every kind and version. Its name ends with the format version; version 0 is that
+//! of kinds without one at first. A file of this folder is never changed: a new version gets a new file.
 
 use std::fs::File;
 use std::io::Read;
@@ -90,7 +90,7 @@ fn weights_open() {
     PixelCnn::from_bytes(&unpacked("pixelcnn-v1.safetensors.gz")).unwrap();
 }
 
-/// A run is resumed by its own state: one of another run would be refused.
+/// A run is resumed from its own state. A state of another run would be refused.
 #[test]
 fn runs_are_resumed() {
     for (name, at) in [("window-v0/run", 0), ("starts-v0", 1)] {
@@ -100,7 +100,7 @@ fn runs_are_resumed() {
         assert_eq!(order.at, at);
         let state = match states[at].clone() {
             Some(state) => state,
-            // The command line gives each start a folder of its own.
+            // The command line gives each start a separate folder.
             None => std::fs::read(folder.path().join("start-2/run.safetensors")).unwrap(),
         };
         assert_eq!(order.ranked.len(), at);

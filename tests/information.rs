@@ -1,4 +1,4 @@
-//! Estimates on fields whose information is known in closed form.
+//! Estimates on fields of known information in closed form.
 
 use lenslet_studio::information::{
     Covariance, GaussianRequest, Protocol, Trial, gaussian_entropy, gaussian_estimate, log2_determinant,
@@ -78,7 +78,7 @@ fn gaussian_field_with_read_noise_has_the_closed_form() {
     assert!(low <= truth && truth <= high, "{truth} not in {low} .. {high}");
     assert!(half_width(&stationary) < 0.01, "the interval says something");
     assert!(full.bits_per_pixel() > truth - half_width(&full));
-    // Ten thousand free numbers cost the full model about pixels / (4 patches) nats per pixel.
+    // Ten thousand free parameters cost the full model about pixels / (4 patches) nats per pixel.
     let cost = full.bits_per_pixel() - stationary.bits_per_pixel();
     let expected = 144.0 / (4.0 * 3000.0) / std::f64::consts::LN_2;
     assert!(cost > 0.7 * expected && cost < 1.5 * expected, "{cost} {expected}");

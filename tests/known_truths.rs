@@ -1,4 +1,4 @@
-//! Estimators and intervals against studies whose information is known.
+//! Estimators and intervals against studies of known information.
 
 mod common;
 
@@ -36,7 +36,7 @@ impl Sample {
 
 /// An estimate of the bits per pixel and its 95 % interval.
 type Found = (f64, [f64; 2]);
-/// What makes one of a sample.
+/// Function that makes an estimate from a sample.
 type Estimator<'a> = &'a dyn Fn(&Sample) -> Found;
 
 fn gaussian(sample: &Sample, covariance: Covariance) -> Found {
@@ -154,8 +154,8 @@ fn log2_likelihoods(clean: &Array3<f32>, noisy: &Array3<f32>, noise: Noise) -> V
     (0..clean.len_of(Axis(0))).map(patch).collect()
 }
 
-/// Scores of one model that was fitted once: what an interval of its test patches has to cover is the mean over all
-/// patches there could be.
+/// Scores of one model that was fitted once. An interval of its test patches has to cover the mean over all possible
+/// patches.
 struct Scores {
     cross_entropy: Vec<f64>,
     conditional: Vec<f64>,
@@ -181,8 +181,9 @@ impl Scores {
 fn intervals_cover_what_they_should() {
     const TRIALS: usize = 300;
     const PATCHES: usize = 150;
-    // The noise entropies of field patches are all alike, those of the others rise and fall with the cross-entropies: where either
-    // is drawn by itself, as published, the same scatter counts twice, and more is covered than is said.
+    // The noise entropies of field patches are all alike. In the other studies they rise and fall with the
+    // cross-entropies. The published intervals draw both independently, so the same scatter counts twice and the coverage
+    // exceeds the nominal one.
     for (study, most) in [
         (KnownTruth::GaussianField(GaussianField { side_px: 8, ..GaussianField::default() }), 0.98),
         (KnownTruth::OneBead(OneBead::default()), 1.0),
@@ -196,7 +197,7 @@ fn intervals_cover_what_they_should() {
         let target = mean(&all.cross_entropy) - mean(&all.conditional);
         assert!((mean(&all.paired) - target).abs() < 4e-3, "{study}: both ways of scoring have one mean");
         let tests = Scores::of(&study, &model, TRIALS * PATCHES, 3);
-        // How often each kind of interval holds the mean of all patches, and how wide it is.
+        // How often each kind of interval covers the mean of all patches, and its width.
         let mut found = [[0.0; 2]; 3];
         for trial in 0..TRIALS {
             let part = trial * PATCHES..(trial + 1) * PATCHES;

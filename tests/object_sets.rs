@@ -1,4 +1,4 @@
-//! Whole sets of objects: photons, splits, statistics, and real images where they are at hand.
+//! Whole sets of objects: photons, splits, statistics, and real images where they are available.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ fn with_field(source: &ObjectSource, field: (usize, usize)) -> ObjectSet {
     ObjectSet::open(source, &ObjectOptions { field, ..ObjectOptions::default() }).unwrap()
 }
 
-/// An IDX file of random 28 x 28 px images that are brighter at the top, one grey level per image on top.
+/// An IDX file of random 28 x 28 px images that are brighter at the top. Each image adds a different grey level.
 fn idx_file(folder: &Path, images: usize) -> ObjectSource {
     let mut generator = ChaCha8Rng::seed_from_u64(3);
     let mut bytes = vec![0, 0, 8, 3];
@@ -147,7 +147,7 @@ fn bead_autocovariance_is_that_of_the_objects() {
 fn mosaic_autocovariance_is_that_of_the_objects() {
     let folder = tempfile::tempdir().unwrap();
     let source = idx_file(folder.path(), 30);
-    // Five tiles a side: the first pixels run over four whole ones, so that every place in a tile counts alike.
+    // Five tiles a side: the first pixels cover four whole tiles, so every place in a tile has equal weight.
     let set = with_field(&source, (160, 160));
     let objects = set.objects(Split::All, 60, 2).unwrap();
     let expected = set.autocovariance(Split::All, 32);
@@ -163,7 +163,7 @@ fn mosaic_autocovariance_is_that_of_the_objects() {
 fn train_and_test_share_no_image_whatever_their_seeds() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("stack.npy");
-    // Image k is k + 1 everywhere, so that objects tell which image they are.
+    // Image k is k + 1 everywhere, so each object identifies its image.
     let images = Array3::from_shape_fn((10, 20, 30), |(image, _, _)| image as f32 + 1.0);
     write_array(&path, images.view()).unwrap();
     let set = open(&format!("stack:{}", path.display()));
@@ -276,8 +276,8 @@ fn images_too_long_for_a_tile_are_refused_and_sets_can_be_shared() {
 
 #[test]
 fn real_images_have_the_published_tamura_coefficients() {
-    // The coefficients the paper gives for image sets are those of the single images, before padding and tiling.
-    // The CIFAR images here are copies after JPEG, those of Fashion-MNIST a part, the mean of which is uncertain.
+    // The paper's coefficients of image sets are those of the single images, before padding and tiling. The CIFAR images
+    // here are copies after JPEG. Those of Fashion-MNIST are a part of the set, whose mean is uncertain.
     type Read = fn(&Path) -> Result<PixelStack, FormatError>;
     let sets: [(Read, &str, usize, f64, f64); 3] = [
         (read_idx, "data/mnist/t10k-images-idx3-ubyte.gz", 10_000, 1.363, 0.002),
@@ -295,7 +295,7 @@ fn real_images_have_the_published_tamura_coefficients() {
 
 #[test]
 fn real_images_become_mosaics_of_the_mean_that_was_asked_for() {
-    // Coefficients of 300 mosaics each made independently with NumPy.
+    // Coefficients of 300 mosaics each, made independently with NumPy.
     for (source, name, numpy_tamura) in [
         ("idx", "data/mnist/t10k-images-idx3-ubyte.gz", 1.471),
         ("idx", "data/fashion-mnist/sprite900-images-idx3-ubyte.gz", 1.309),

@@ -1,4 +1,4 @@
-//! Runs of IDEAL: a case whose optimum is known, equal runs, runs that were interrupted, and what is told of them.
+//! Runs of IDEAL: a case with a known optimum, equal runs, interrupted runs, and their records.
 
 use std::ops::ControlFlow;
 
@@ -18,7 +18,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
-/// Small scenes of beads before a small sensor.
+/// Small bead objects for a small sensor.
 fn beads(density: f64) -> ObjectSet {
     let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
     ObjectSet::open(&format!("beads:{density}").parse().unwrap(), &options).unwrap()
@@ -28,7 +28,7 @@ fn mask(lenslets: Vec<Lenslet>) -> LensletArray {
     LensletArray { rows: 12, cols: 12, lenslets }
 }
 
-/// Two lenslets that nobody would choose.
+/// A poor start of two lenslets.
 fn two() -> LensletArray {
     mask(vec![Lenslet::round(3.0, 4.0, 1.6, 0.7), Lenslet::round(8.0, 7.5, 1.2, 0.3)])
 }
@@ -47,7 +47,7 @@ fn settings() -> IdealSettings {
     }
 }
 
-/// The same length of run, up the posterior.
+/// A run of the same length with the posterior objective.
 fn up_the_posterior() -> IdealSettings {
     let IdealSettings { steps, patch, refit_every, first_fit, refit, last_fit, .. } = settings();
     let usual = IdealSettings::new(Preset::Default, Objective::Posterior, 3);
@@ -101,7 +101,7 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1] + 0.05, "{first:?} {last:?}");
     assert!((last.array.lenslets[0].weight - 1.0).abs() < 1e-12);
-    // Every fifth checkpoint and the last are bounded from below as well, and the gain is no climb of a loose bound.
+    // Every fifth checkpoint and the last also have a lower bound. So the gain does not come from a loose upper bound.
     for (index, checkpoint) in state.checkpoints.iter().enumerate() {
         let due = index % 5 == 0 || index + 1 == state.checkpoints.len();
         assert_eq!(checkpoint.lower.is_some(), due, "checkpoint {index}");
@@ -116,7 +116,8 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
 
 #[test]
 fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
-    // Of white Gaussian objects every measurement is nearly a Gaussian, whose information only falls as the lenslet widens.
+    // Every measurement of white Gaussian objects is nearly Gaussian. Its information only decreases as the lenslet
+    // widens.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("objects.npy");
     let mut random = ChaCha8Rng::seed_from_u64(4);
@@ -136,7 +137,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
-    // What a Gaussian of the same covariance tells, in closed form.
+    // Information of a Gaussian of the same covariance, in closed form.
     let known = imaging.analytic_moments(Split::All, (12, 12), (8, 8)).unwrap();
     let truth = |array: &LensletArray| {
         let psf = render_psf(array, 1).unwrap();
@@ -146,7 +147,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
         0.5 * (1.0 + signal / noise).log2()
     };
     assert!(last.bits_per_pixel > first.bits_per_pixel + 0.1, "{first:?} {last:?}");
-    // Independent pixels would tell this much; neighbours share light.
+    // Value for independent pixels; neighbours share light.
     for checkpoint in [first, last] {
         assert!(checkpoint.interval_95[0] < truth(&checkpoint.array) + 0.02, "{checkpoint:?}");
     }
@@ -157,7 +158,7 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
     let imaging = forward_model(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.1, weight: 1e-3, relative_weight: 0.0 };
-    // Slopes by fewer scenes are so noisy that the last digits of sums decide where such a run ends.
+    // Gradients from fewer scenes are so noisy that the last digits of sums decide the end of such a run.
     let relocation_candidates = IdealSettings::new(Preset::Default, Objective::Posterior, 3).relocation_candidates;
     let settings =
         IdealSettings { steps: 200, patches: 256, refit_every: 20, rates, relocation_candidates, ..up_the_posterior() };
@@ -170,7 +171,7 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let (rows, cols) = (channel.spot.dim().1, channel.spot.dim().2);
     let sites = ((8 + rows - 1) * (8 + cols - 1)) as f64;
     assert!(last.interval_95[1] < sites / 64.0 * binary_entropy(0.03), "{last:?}");
-    // Neither are there bounds beside a bound, nor a density model.
+    // There are no further bounds beside a bound, and no density model.
     assert!(
         ideal.state().checkpoints.iter().all(|checkpoint| checkpoint.lower.is_none())
             && ideal.density_model().is_none()
@@ -233,7 +234,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let mut first = new();
     first.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     let bytes = first.to_bytes().unwrap();
-    // What comes after the last state is lost with the process.
+    // Steps after the last saved state are lost with the process.
     let mut last = bytes.clone();
     let stopped = loop {
         let told = first.advance(&mut |progress| {
@@ -258,7 +259,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     to_its_end(&mut resumed);
     assert_eq!((&resumed.state().array, bits(&resumed)), (&whole.state().array, bits(&whole)));
 
-    // A run may be made longer, but a state of another one is refused.
+    // A run may be extended, but a state of another run is refused.
     resumed.extend_to(16);
     assert!(matches!(resumed.state().events.last(), Some(IdealEvent::Extended { .. })));
     to_its_end(&mut resumed);
@@ -269,7 +270,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     assert!(new().resumed(&bytes[..40]).is_err());
 }
 
-/// The value of a checkpoint, computed again from objects that neither model nor mask was fitted to.
+/// The value of a checkpoint, recomputed from objects to which neither model nor mask was fitted.
 #[test]
 fn information_is_told_of_held_out_objects_only() {
     let set = beads(0.05);
@@ -348,11 +349,11 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     assert!(of_unknown.contains("objective is posterior"), "{of_unknown}");
 }
 
-/// What a result is judged by in the end has not been seen by its run: other test pictures leave it as it is to the bit.
+/// A run does not see the test images of the final comparison. Other test images leave it bit-identical.
 #[test]
 fn test_pictures_are_unseen_by_a_run() {
     let folder = tempfile::tempdir().unwrap();
-    // Each picture has one bright pixel in a row of its own; its transpose is as bright.
+    // Each image has one bright pixel in a row of its own. Its transpose is equally bright.
     let pictures = |turned: &[usize]| {
         Array3::from_shape_fn((20, 27, 27), |(n, row, col)| {
             let (row, col) = if turned.contains(&n) { (col, row) } else { (row, col) };
@@ -391,7 +392,8 @@ fn test_pictures_are_unseen_by_a_run() {
     assert_ne!(told(&design("other training.npy", &trained)), before);
 }
 
-/// Values of a density model before sparse beads overstate: the record says so where they do for certain.
+/// Values of a density model overstate the information of sparse beads. The record reports this where it is statistically
+/// significant.
 #[test]
 fn a_run_that_ends_above_the_ceiling_says_so() {
     let design = |density: &str| Design { objects: density.parse().unwrap(), ..Design::default() };

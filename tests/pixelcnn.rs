@@ -1,4 +1,4 @@
-//! The `PixelCNN`: its gradients, its causality, published reference values, and information of known truth.
+//! The `PixelCNN`: its gradients, its causality, published reference values, and known information.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Poisson, StandardNormal};
 
-/// The engines that this program was built with and this machine has; only a graphics card may be missing.
+/// The engines of this build and machine. Only a graphics card may be missing.
 fn engines() -> Vec<EngineChoice> {
     let cards = [BurnDevice::Wgpu, BurnDevice::Cuda].map(EngineChoice::Burn);
     let here = |engine: &EngineChoice| match engine.open() {
@@ -34,7 +34,7 @@ fn small_model(seed: u64) -> (PixelCnn, Array3<f32>) {
     let patches = Array3::from_shape_simple_fn((3, 7, 6), || 60.0 + 25.0 * rng.sample::<f32, _>(StandardNormal));
     let scale = DataScale::of(patches.view(), 1.0).unwrap();
     let mut model = PixelCnn::new(PixelCnnShape::new(16, 6, vec![1, 2]).unwrap(), scale, seed);
-    // Biases that are not zero, and widths between their limits.
+    // Non-zero biases, and widths between their limits.
     for weight in model.weights_mut() {
         *weight += 0.05 * rng.sample::<f32, _>(StandardNormal);
     }
@@ -116,7 +116,7 @@ fn threads_do_not_change_a_bit() {
     assert_ne!(run(1, 5), run(1, 6));
 }
 
-/// The folder of reference values beside the crate, which is no part of it.
+/// The folder of reference values beside the crate. It is not part of the crate.
 fn reference(name: &str) -> Option<PathBuf> {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/reference").join(name);
     if path.exists() {
@@ -126,7 +126,7 @@ fn reference(name: &str) -> Option<PathBuf> {
     None
 }
 
-/// Names of a tensor in the reference file, each with the output channels it holds of ours.
+/// Names of a tensor in the reference file, each with its range of our output channels.
 fn reference_names(name: &str) -> Vec<String> {
     let (layer, part) = name.rsplit_once('.').unwrap();
     if layer == "heads" {
@@ -149,7 +149,7 @@ fn reference_names(name: &str) -> Vec<String> {
     vec![format!("{layer}/{part}")]
 }
 
-/// A tensor of ours from the reference file: open taps only, heads side by side.
+/// One of our tensors from the reference file: open taps only, heads side by side.
 fn reference_tensor(array: impl Fn(&str) -> ArrayD<f32>, group: &str, name: &str, shape: &[usize]) -> Vec<f32> {
     let parts: Vec<ArrayD<f32>> = reference_names(name).iter().map(|name| array(&format!("{group}/{name}"))).collect();
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
@@ -320,7 +320,7 @@ fn an_estimate_bounds_the_information_from_above() {
 #[test]
 fn independent_pixels_are_bounded_tightly() {
     let (clean, noisy) = pixels_of_two_rates(400, 4, 1);
-    // Fresh noise, and a number of steps that no machine changes.
+    // New noise in each epoch, and a number of steps that does not depend on the machine.
     let training = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
     let fit = PixelCnnFit { batch: 16, steps_per_epoch: 150, max_epochs: 2, ..PixelCnnFit::standard(3) };
     let shape = PixelCnnShape::new(16, 12, vec![1]).unwrap();
@@ -348,10 +348,10 @@ fn a_budget_ends_a_fit_and_says_whether_that_was_early() {
     let (short, long) = (Some(Duration::from_millis(30)), Some(Duration::from_hours(1)));
     let early = run(PixelCnnFit { budget: short, ..PixelCnnFit::paper(1) });
     assert!(early.cut_short && early.steps > 0 && early.epochs.len() < 20, "{early:?}");
-    // A schedule that is laid out over the budget ends with it.
+    // A schedule planned for the budget ends with it.
     let planned = run(PixelCnnFit { budget: short, ..PixelCnnFit::standard(1) });
     assert!(!planned.cut_short && planned.steps > 0, "{planned:?}");
-    // One that converges first does not need it.
+    // A fit that converges first ends before it.
     let done = run(PixelCnnFit {
         budget: long,
         steps_per_epoch: 2,
@@ -367,7 +367,7 @@ fn steps_without_finite_numbers_are_refused() {
     let patches = pixels_of_two_rates(100, 4, 1).1;
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     for engine in engines() {
-        // One step of this rate takes all weights beyond what squares of them can hold.
+        // One step at this rate makes the squares of all weights overflow.
         let fit = PixelCnnFit { rate: 1e30, engine, ..PixelCnnFit::paper(1) };
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
         let mut steps = 0;
@@ -396,7 +396,7 @@ fn a_fit_is_cancelled_at_the_step_that_is_told() {
 
 #[test]
 fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
-    // A second value, seen once: the network soon has nothing to learn.
+    // A second value, seen once: the network soon converges.
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let patches = Array3::from_shape_simple_fn((80, 4, 4), || 50.0 + rng.sample::<f32, _>(StandardNormal));
     let training = TrainingPatches { noisy: patches.view(), clean: None };
@@ -410,7 +410,7 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
     assert_eq!(report.steps, 5 * report.epochs.len());
     assert!(!report.cut_short && report.refused == 0);
     assert!(model.weights().iter().all(|weight| weight.is_finite()));
-    // A fit that starts where this one ended is better at once.
+    // A warm start from this fit is better at once.
     let (_, warm) =
         PixelCnnFit { max_epochs: 1, ..fit.clone() }
             .fit(PixelCnnShape::new(8, 4, vec![1]).unwrap(), 1.0, training, Some(&model), &mut |_| {
@@ -434,7 +434,7 @@ fn epochs_end_with_their_last_step() {
             ControlFlow::Continue(())
         })
         .unwrap();
-    // It is told again while patches are validated.
+    // Epochs are reported again during validation.
     epochs.dedup();
     assert_eq!(epochs, (1..=98).map(|step| (step, usize::div_ceil(step, 2))).collect::<Vec<_>>());
     assert_eq!((report.steps, report.epochs.len()), (98, 49));

@@ -1,4 +1,4 @@
-//! Measurements, sparsity and information of real images and captures, where those are at hand.
+//! Measurements, sparsity and information of real images and captures, where those are available.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ const SETS: [(&str, &str); 3] = [
     ("CIFAR-10", "cifar:cifar-10-batches-bin/test_batch.bin"),
 ];
 
-/// A design that looks at a real set; `None`, told once, without it.
+/// A design with a real image set; `None` without it, reported once.
 fn design(source: &str, lenslets: usize) -> Option<Design> {
     let (kind, name) = source.split_once(':').unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
@@ -101,7 +101,8 @@ fn estimates_are_finite_and_fitted_bounds_agree_with_the_analytic_one() {
     }
 }
 
-/// Natural images are dense: copies of them blur each other, so one lenslet tells more than nine (Kabuli et al. 2026).
+/// Natural images are dense: overlapping copies blur each other. So one lenslet gives more information than nine (Kabuli
+/// et al. 2026).
 #[test]
 fn one_lenslet_is_better_than_nine_for_natural_images() {
     let Some((one, nine)) = design(SETS[2].1, 1).zip(design(SETS[2].1, 9)) else { return };

@@ -1,4 +1,4 @@
-//! Optics, sensor and sparsity against values computed by the published procedure, where those are at hand.
+//! Optics, sensor and sparsity against values computed by the published procedure, where those are available.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use ndarray::{Array1, Array2, Array3, Array4, ArrayD, Axis, Ix1, Ix2, Ix3};
 /// Pixels per unit of the published grid, on which 32 samples span -16 to 16.
 const PX_PER_UNIT: f64 = 31.0 / 32.0;
 
-/// The reference archive; `None`, told once, without it.
+/// The reference archive; `None` without it, reported once.
 fn reference(name: &str) -> Option<ArrayD<f64>> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/optics_25.npz");
     if !path.exists() {
@@ -102,7 +102,7 @@ fn tamura_coefficients() {
     }
 }
 
-/// The heuristic layout of `count` lenslets as it was published: spots end 3 px from their centre along either axis.
+/// The heuristic layout of `count` lenslets as published: spots are cut off 3 px from their centre along either axis.
 fn cut_off(count: usize) -> Array2<f64> {
     let mut psf = Array2::zeros((32, 32));
     for &(row, col) in &HEURISTIC_CENTRES[..count] {
@@ -126,14 +126,14 @@ fn nine_heuristic_psfs() {
         let cut = cut_off(count);
         let exact = cut.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(exact < 1e-12, "{count} lenslets: the layout is the published one but for {exact}");
-        // The published spots are cut off more than 3 px away, where one of 0.8 px has fallen to 3.7e-6 of its peak.
+        // The published spots are cut off more than 3 px away, where a spot of 0.8 px has fallen to 3.7e-6 of its peak.
         println!("{count} lenslets, largest difference {apart:.1e} of the peak");
         assert!(apart < 1e-5, "{count} lenslets: {apart}");
     }
 }
 
-/// The functional is the sum of cotangent x measurements; its gradients are by the lenslets after projection, the
-/// normalisation of the weights included.
+/// The functional is the sum of cotangent x measurements. Its gradients are with respect to the lenslets after
+/// projection, and include the normalisation of the weights.
 #[test]
 fn gradients_of_a_functional_of_the_measurements() {
     let Some(((array, objects), cotangent)) = lenslets().zip(objects()).zip(stack("cotangent")) else { return };

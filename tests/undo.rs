@@ -1,4 +1,4 @@
-//! Undo and redo of whole designs, and files that come after the design they belong to has changed.
+//! Undo and redo of whole designs, and files that arrive after their design has changed.
 
 use std::time::Duration;
 
@@ -10,13 +10,13 @@ use lenslet_studio::workbench::{Command, LensletChange, Outcome, Session};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// One thing that a person does.
+/// One action of a user.
 #[derive(Clone, Debug)]
 struct Deed {
     kind: u8,
     place: (f64, f64),
     index: usize,
-    /// Whether the pointer is held down from now on.
+    /// Whether the pointer is held down afterwards.
     down: bool,
 }
 
@@ -25,7 +25,7 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
     prop::collection::vec(deed.prop_map(|(kind, place, index, down)| Deed { kind, place, index, down }), 1..60)
 }
 
-/// What the deed means for this design; some of it is refused, as deleting the last lenslet is.
+/// Command of the action for this design. Some commands are refused, such as deleting the last lenslet.
 fn command(deed: &Deed, design: &Design) -> Command {
     let (x, y) = deed.place;
     let lenslets = design.encoder.lenslets().map_or(&[][..], |array| &array.lenslets);
@@ -105,7 +105,7 @@ fn a_drag_of_the_density_is_one_step_and_so_is_every_choice_of_objects() {
     let dragged = session.design().objects.clone();
     let chosen = [beads(0.03), beads(0.04), ObjectSource::BeadsMax { density: 0.04 }];
     for source in &chosen {
-        // A tap that is over within a frame.
+        // A tap that ends within a frame.
         session.note_pointer(false, true);
         session.apply(&Command::SetObjects(source.clone())).unwrap();
     }
@@ -129,7 +129,7 @@ fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
     assert_eq!(session.design().encoder.lenslets().unwrap().lenslets.len(), 10);
 }
 
-/// What the worker answers to all that it was asked.
+/// Answers of the worker to all requests.
 fn answers(session: &mut Session) -> Vec<Result<Outcome, String>> {
     let mut answers = Vec::new();
     while session.has_open_jobs() {

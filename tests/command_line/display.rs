@@ -1,4 +1,4 @@
-//! What becomes of the window's own options where no window can be opened.
+//! The window's own options where no window can be opened.
 #![cfg(all(feature = "studio", target_os = "linux"))]
 
 use std::process::Command;
@@ -7,10 +7,10 @@ use serde_json::{Value, json};
 
 use super::{Bench, text};
 
-/// A display at which nothing answers.
+/// A display that does not answer.
 const NO_DISPLAY: &str = ":9999";
 
-/// The program with such a display and a home of its own.
+/// The program with such a display and a separate home folder.
 fn opens_in_vain(bench: &Bench) -> Command {
     let mut command = bench.command();
     command.env("DISPLAY", NO_DISPLAY).env("XDG_DATA_HOME", bench.path("home"));
@@ -58,7 +58,7 @@ fn reset_ui_forgets_how_the_window_looks_but_no_design() {
     for name in designs {
         bench.write(&format!("home/lenslet-studio/{name}"), name);
     }
-    // What there is to forget is forgotten before the window is opened.
+    // The reset happens before the window is opened.
     assert!(opens_in_vain(&bench).arg("--reset-ui").output().unwrap().status.success());
     let known: Value = serde_json::from_slice(&kept(&bench, "preferences.json")).unwrap();
     for (name, value) in [

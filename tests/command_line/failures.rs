@@ -1,4 +1,4 @@
-//! What cannot be read, computed or written is told in one sentence that names the file, and leaves nothing behind.
+//! Failures to read, compute or write give one sentence that names the file, and leave nothing behind.
 
 use std::io::Write;
 use std::process::Stdio;
@@ -78,7 +78,7 @@ fn broken_object_files_are_named() {
             assert_told(&bench.refused(&format!("{command} --objects {kind}:bad.file")), &["bad.file", part]);
         }
     }
-    // Tamura rates what it can read; it refuses what has no coefficient.
+    // `tamura` rates readable images. It refuses images without a coefficient.
     for (content, part) in [
         (npy("(1, 64, 64)", &odd), "NaN in image 1 at row 1, column 6"),
         (npy("(0, 64, 64)", &[]), "expected images with pixels, found none"),
@@ -119,7 +119,7 @@ fn folders_without_pictures_are_named() {
     for line in ["tamura bad", "export bad --out out", "export --mask psf:bad --out out"] {
         assert_told(&bench.refused(line), &["bad", "a folder"]);
     }
-    // One good picture among bad ones is used, and the others are named.
+    // One good image among bad ones is used, and the others are named.
     bench.write("good.npy", npy("(60, 60)", &[2.0; 3600]));
     std::fs::rename(bench.path("good.npy"), bench.path("bad/good.npy")).unwrap();
     let result = bench.json("simulate --objects images:bad --count 1 --out out");
@@ -149,7 +149,7 @@ fn what_is_no_psf_is_named() {
     }
 }
 
-/// A valid design file, changed.
+/// A valid design file with a change.
 fn design_file(bench: &Bench, change: impl Fn(&mut Value)) {
     if !bench.path("base/design.json").is_file() {
         bench.done("export --mask heuristic:3 --out base");
@@ -232,7 +232,7 @@ fn folders_that_cannot_be_written_are_named() {
     for line in ["export --out taken", "simulate --count 1 --out taken", "export --out taken/below"] {
         assert_told(&bench.refused(line), &["taken"]);
     }
-    // A folder stands where a file is to be written.
+    // A folder in place of an output file.
     std::fs::create_dir_all(bench.path("out/psf.npy")).unwrap();
     std::fs::create_dir_all(bench.path("out/measurements.npy")).unwrap();
     assert_told(&bench.refused("export --out out"), &["out/psf.npy", "a folder or device"]);
@@ -330,7 +330,7 @@ fn an_earlier_result_survives_a_failure() {
     std::fs::create_dir(bench.path("out/noiseless.npy")).unwrap();
     assert_told(&bench.refused("simulate --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
     assert!(read() == before);
-    // Nor does one that comes last.
+    // Nor does a failure at the last file.
     std::fs::remove_dir(bench.path("out/noiseless.npy")).unwrap();
     std::fs::remove_file(bench.path("out/design.json")).unwrap();
     std::fs::create_dir(bench.path("out/design.json")).unwrap();
@@ -364,7 +364,7 @@ fn an_export_that_fails_leaves_the_files_of_one_mask() {
 fn nothing_is_written_into_a_folder_that_another_program_writes_into() {
     let bench = Bench::new();
     bench.done("export --mask heuristic:2 --out out");
-    // What a program that was killed has left.
+    // The remains of a killed program.
     bench.write("out/.writing-Ab12Cd", "half a stack");
     let folder = std::fs::File::open(bench.path("out")).unwrap();
     folder.lock().unwrap();
@@ -406,7 +406,7 @@ fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
     refused(&measure("3 --out a"), "psf.npy");
     bench.done(&measure("2 --out a"));
     refused("export --mask heuristic:3 --out a", "measurements.npy");
-    // Stacks in the other format stay beside those of the same design only.
+    // Stacks in the other format stay only beside those of the same design.
     bench.done(&measure("2 --out b"));
     bench.done(&measure("2 --tiff --out b"));
     let is_there = |name: &str| bench.path("b").join(name).exists();

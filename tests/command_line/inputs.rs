@@ -1,5 +1,4 @@
-//! Files of images as people have them: what is understood of them, how it is corrected, and what they are called where
-//! they are none.
+//! Files of images from users: their interpretation, its correction, and the names of files that are not images.
 
 use super::{Bench, npy, text};
 
@@ -53,7 +52,7 @@ fn options_of_a_path_change_what_is_understood_for_every_use() {
     assert!(frame.contains("range 1 to 1; image 2 of 6"), "{frame}");
     let told = bench.refused("tamura last.npy?axes=last");
     assert!(told.contains("axis=first, last or a number") && told.contains("found \"axes=last\""), "{told}");
-    // Colours as measurements are refused with what helps: one channel.
+    // Colours as measurements are refused with advice: choose one channel.
     let grey: Vec<f32> = (0..4 * 8 * 8 * 3).map(|value| (value * 13 % 17) as f32).collect();
     bench.write("colours.npy", npy("(4, 8, 8, 3)", &grey));
     let line =
@@ -104,7 +103,7 @@ fn names_that_are_no_text_open_everywhere() {
         let output = bench.run(words(line));
         assert_eq!(output.status.code(), Some(0), "{line}: {}", text(&output.stderr));
     }
-    // A design that was saved with such a name is opened again.
+    // A design saved with such a name can be opened again.
     let design = std::fs::read_to_string(bench.path("kept/design.json")).unwrap();
     assert!(design.contains("stack:caf%E9.npy"), "{design}");
     assert!(said(&bench, "bounds kept/design.json").contains("6 images of 40 x 36 px"));

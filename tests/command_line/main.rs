@@ -1,4 +1,4 @@
-//! The program as its users meet it: the built binary, its files, its sentences and its exit codes.
+//! The program as users run it: the built binary, its files, its sentences and its exit codes.
 
 mod display;
 mod failures;
@@ -17,7 +17,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A folder of its own in which the program runs, without a display.
+/// A separate folder in which the program runs, without a display.
 struct Bench {
     folder: TempDir,
 }
@@ -46,7 +46,7 @@ impl Bench {
         self.command().args(arguments).output().unwrap()
     }
 
-    /// Runs a line that must succeed and returns what it printed.
+    /// Runs a line that must succeed and returns its output.
     fn done(&self, line: &str) -> String {
         let output = self.run(line.split_whitespace());
         assert!(output.status.code() == Some(0), "{line}: {}", text(&output.stderr));
@@ -58,12 +58,12 @@ impl Bench {
         serde_json::from_str(&self.done(&format!("{line} --json"))).unwrap()
     }
 
-    /// Runs a line that must be refused: code 2, nothing on standard output, one sentence on standard error, and no
-    /// file that was not there before. Returns the sentence.
+    /// Runs a line that must be refused: code 2, nothing on standard output, one sentence on standard error, and no new
+    /// file. Returns the sentence.
     fn refused(&self, line: &str) -> String {
         let before = self.files();
         let output = self.run(line.split_whitespace());
-        // What was understood of files may stand before it.
+        // The interpretation of files may precede it.
         let told = text(&output.stderr);
         let start = told.find("lenslet-studio: ").or(told.find("error: ")).unwrap_or_default();
         let sentence = told[start..].to_owned();
@@ -80,7 +80,7 @@ impl Bench {
         sentence
     }
 
-    /// All files, however deep.
+    /// All files, at any depth.
     fn files(&self) -> Vec<PathBuf> {
         fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
             for entry in std::fs::read_dir(folder).unwrap() {

@@ -2,7 +2,8 @@
 
 use super::{Bench, npy};
 
-/// Photons of `images` images of 24 x 20 px: about 20 in dark columns and 60 in bright ones, with noise like Poisson's.
+/// Photons of `images` images of 24 x 20 px: about 20 in dark columns and 60 in bright ones, with noise similar to
+/// Poisson's.
 fn photons(images: usize) -> Vec<f32> {
     let mut state = 1_u64;
     let mut uniform = move || {
@@ -13,7 +14,7 @@ fn photons(images: usize) -> Vec<f32> {
     for _ in 0..images * 24 {
         for col in 0..20 {
             let mean: f32 = if col / 5 % 2 == 0 { 20.0 } else { 60.0 };
-            // A sum of twelve uniform numbers has the variance of a unit normal one.
+            // A sum of twelve uniform numbers has the variance of a standard normal one.
             let normal = (0..12).map(|_| uniform()).sum::<f32>() - 6.0;
             values.push((mean + mean.sqrt() * normal).round().max(0.0));
         }
@@ -67,7 +68,7 @@ fn grey_levels_become_photons_and_the_result_says_how() {
 #[test]
 fn that_grey_levels_are_whole_tells_a_density_model_nothing() {
     let bench = Bench::new();
-    // One photon on average everywhere, and pixels below the offset: 0, 1, 2, 3 with the shares that Poisson's law gives them.
+    // One photon on average everywhere, and pixels below the offset: 0, 1, 2, 3 with the probabilities of Poisson's law.
     let mut state = 7_u64;
     let mut dark = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -94,7 +95,7 @@ fn colours_and_patches_without_end_are_refused() {
         let line = format!("{LINE} --measurements photons.npy").replace("--patch 6", &format!("--patch {patch}"));
         assert!(bench.refused(&line).contains("24 x 20"), "{}", bench.refused(&line));
     }
-    // Three equal channels are grey, also as far as the numbers go.
+    // Three equal channels are grey, with equal numbers.
     let grey: Vec<f32> = photons(2)[..24 * 20].iter().flat_map(|&x| [x; 3]).collect();
     let mut tinted = grey.clone();
     tinted[7] += 1.0;

@@ -1,4 +1,4 @@
-//! Optimizer runs from the command line: their files, and their resumption after a power cut.
+//! Optimizer runs from the command line: their files, and resuming after a power cut.
 
 use std::process::Stdio;
 
@@ -32,10 +32,10 @@ fn run_writes_design_psf_curve_and_record() {
     assert_eq!(design["encoder"], record["result"]);
     assert_ne!(design["encoder"]["lenslets"], record["start"]["encoder"]["lenslets"]);
     assert_eq!(std::fs::read_to_string(bench.path("a/curve.csv")).unwrap().lines().count(), 4);
-    // The design is one that every other command takes.
+    // Every other command accepts the design.
     bench.done("estimate --estimator gaussian --patch 6 --patches-train 100 --patches-test 20 a/design.json");
 
-    // A run that is done is not done again; a longer one goes on from it.
+    // A finished run is not repeated. A longer one resumes from it.
     let again = bench.json(&format!("{TINY} --steps 6 --out a"));
     assert_eq!(again["end"], told["end"]);
     let longer = bench.json(&format!("{TINY} --steps 12 --out a"));
@@ -44,7 +44,7 @@ fn run_writes_design_psf_curve_and_record() {
     let told = bench.done(&format!("{TINY} --steps 12 --out a"));
     assert!(told.contains("upper bound by the run's density model") && told.contains("12 steps"), "{told}");
 
-    // The schedule is the user's.
+    // The user's settings determine the schedule.
     let told = bench.json(&format!(
         "{TINY} --config {{\"refit_every\":2,\"refit\":3,\"rates\":{{\"position\":0.25}}}} --steps 4 --out set"
     ));
@@ -55,12 +55,13 @@ fn run_writes_design_psf_curve_and_record() {
         told["record"]["checkpoints"].as_array().unwrap().iter().map(|checkpoint| &checkpoint["step"]).collect();
     assert_eq!(steps, [&json!(0), &json!(2), &json!(4)]);
 
-    // Another run has no place in this folder.
+    // The folder refuses another run.
     let sentence = bench.refused(&format!("{TINY} --steps 12 --free positions --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
 }
 
-/// A run of seconds from two starts, before pictures of so many pixels a side; those of 40 leave a sensor that is all of one patch.
+/// A run of seconds from two starts, for images of `side` pixels a side. Images of 40 px leave a sensor of a single
+/// patch.
 fn two_starts(bench: &Bench, side: usize) -> String {
     let value = |index: usize| (index * 37 % 101 + index / side % 7 * 9) as f32;
     let values: Vec<f32> = (0..30 * side * side).map(value).collect();
@@ -80,7 +81,7 @@ fn several_starts_are_ranked_by_their_scores() {
     let worth = |place: usize| ranked[place]["estimate"]["bits_per_pixel"].as_f64().unwrap();
     assert_eq!(ranked.len(), 2);
     assert!(worth(0) >= worth(1), "{} {}", worth(0), worth(1));
-    // The best one left its result, whose own folder holds the whole run.
+    // The best start copied its result; its own folder holds the whole run.
     let name = ranked[0]["name"].as_str().unwrap();
     let number = if name.ends_with("seed 5") { 1 } else { 2 };
     let own = read(&bench, &format!("a/start-{number}/run.json"));
@@ -98,25 +99,25 @@ fn several_starts_are_ranked_by_their_scores() {
         assert!(sentence.contains(other) && sentence.contains("only upper bounds are known"), "{verdict:?}");
     }
 
-    // Nothing is done twice, neither runs nor estimates: all tell the time that they took.
+    // Nothing is repeated, neither runs nor estimates: all report their original times.
     let again = bench.json(&line);
     assert_eq!((&again["ranked"], &again["score"]), (&told["ranked"], &told["score"]));
     let printed = bench.done(&line);
     assert!(printed.contains(&format!("1. {name}: ")) && printed.contains("its start"), "{printed}");
-    // A comparison that was asked for stays where none is.
+    // A comparison once requested stays for a command without one.
     let brief = bench.json(&line.replace(scored, ""));
     assert_eq!(brief["score"], told["score"]);
     assert!(!bench.path("a/score-1").exists());
     let sentence = bench.refused(&TINY.replace("random:4", "heuristic:4 --starts 2 --out b"));
     assert!(sentence.contains("--start random:25"), "{sentence}");
-    // Nor do other runs take its place.
+    // Other runs do not replace it.
     let ranking = read(&bench, "a/order.json");
     for other in [line.replace("--seed 5", "--seed 6"), format!("{line} --free positions")] {
         let sentence = bench.refused(&other);
         assert!(sentence.contains("a: expected the starts and settings of the runs that are there"), "{sentence}");
     }
     assert_eq!(read(&bench, "a/order.json"), ranking);
-    // A single run takes the place of none of it.
+    // A single run replaces none of it.
     let sentence = bench.refused(&format!("{TINY} --steps 1 --out a"));
     assert!(sentence.contains("found the runs of several starts; choose another --out"), "{sentence}");
 }
@@ -133,7 +134,7 @@ fn deviations_from_the_request_are_reported() {
     let (printed, told) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(0), "{told}");
     assert!(told.contains("a patch of 66 x 4 px is larger than the measurement"), "{told}");
-    // Nor are pictures left out without a word.
+    // Omitted images are reported.
     assert!(printed.contains("1 unreadable file was left out: bad.png"), "{printed}");
     assert!(read(&bench, "a/run.json")["notices"].to_string().contains("bad.png"));
 }
@@ -143,7 +144,7 @@ fn folder_that_cannot_be_written_is_refused_before_the_run() {
     let bench = Bench::new();
     for name in ["run.safetensors", "run.json", "curve.csv", "psf.npy"] {
         std::fs::create_dir_all(bench.path("taken").join(name)).unwrap();
-        // Objects are read before the first fit, and are not there.
+        // Objects are read before the first fit, and are missing.
         let sentence = bench.refused("optimize --objects idx:none --out taken");
         assert!(sentence.contains(name) && sentence.contains("a folder or device"), "{sentence}");
         std::fs::remove_dir(bench.path("taken").join(name)).unwrap();
@@ -176,7 +177,7 @@ fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
     let line = two_starts(&bench, 66);
     let told = bench.json(&line);
-    // That of the best failed before.
+    // The best start failed before.
     let mut order = read(&bench, "a/order.json");
     let best = &mut order["ranked"][0];
     assert!(!best["sensor"].is_null() && best["is_scored"] == json!(true));
@@ -202,7 +203,7 @@ fn scores_of_later_starts_survive_a_failure() {
     for number in [1, 2] {
         bench.write(&format!("a/start-{number}/run.safetensors"), "no state");
     }
-    // It is noted that the first start failed, and the second ends the program.
+    // The failure of the first start is recorded, and the second ends the program.
     let output = bench.run(line.split_whitespace());
     assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
     let second = told["ranked"].as_array().unwrap().iter().find(|result| result["name"] == "4 random, seed 6").unwrap();
@@ -224,7 +225,7 @@ fn default_objective_of_beads_is_the_decoder() {
     assert!(curve.starts_with("step,lower_bound_bits_per_pixel,") && curve.lines().count() == 4, "{curve}");
     let told = bench.done(&format!("{line} --steps 21 --out a"));
     assert!(told.contains("lower bound by the run's decoder"), "{told}");
-    // The same scene up a density model is another run.
+    // The same scene with the density objective is another run.
     let sentence = bench.refused(&format!("{line} --objective density --steps 21 --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
 }
@@ -266,7 +267,7 @@ fn killed_run_resumes_bit_for_bit() {
 fn run_is_reproduced_from_its_record() {
     let bench = Bench::new();
     bench.done(&format!("{TINY} --steps 6 --out a"));
-    // It came to its end once before.
+    // It finished once before.
     let told = bench.json(&format!("{TINY} --steps 9 --out a"));
     let before = bench.files();
     let again = bench.json("reproduce a/run.json");
@@ -281,7 +282,7 @@ fn run_is_reproduced_from_its_record() {
         (&json!(events), Some(&json!({"kind": "extended", "step": 6})))
     );
     assert_eq!(bench.files(), before, "nothing stays behind");
-    // One that was stopped is repeated as far as it got.
+    // A stopped run is repeated up to its last step.
     let mut stopped = read(&bench, "a/run.json");
     stopped["checkpoints"].as_array_mut().unwrap().truncate(2);
     (stopped["finished"], stopped["events"], stopped["settings"]["steps"]) = (json!(false), json!([]), json!(6));
@@ -290,7 +291,7 @@ fn run_is_reproduced_from_its_record() {
     assert!(told.contains("step 5: ") && told.contains("bit-identical"), "{told}");
     assert!(told.contains("is unfinished") && !told.contains("step 6"), "{told}");
 
-    // A record that tells other numbers is found out.
+    // A record with other numbers is detected.
     let mut changed = read(&bench, "a/run.json");
     let bits = changed["checkpoints"][1]["bits_per_pixel"].as_f64().unwrap();
     changed["checkpoints"][1]["bits_per_pixel"] = json!(bits + 1e-12);
@@ -306,7 +307,7 @@ fn run_is_reproduced_from_its_record() {
     assert!(told.starts_with("changed.json: the record was written by version 0.0.1\n"), "{told}");
     assert!(told.contains("those of the record: the record was written by version 0.0.1"), "{told}");
 
-    // What nobody can do again is told before anything is computed.
+    // A run that cannot be reproduced is reported before any computation.
     let mut rewound = read(&bench, "a/run.json");
     rewound["events"] = json!([{"kind": "rewound", "step": 6, "to": 5}]);
     bench.write("rewound.json", rewound.to_string());

@@ -1,4 +1,4 @@
-//! Values of options, sensible and not: whatever is typed is computed or refused, and nothing panics.
+//! Values of options, valid and not: every value is computed or refused, and nothing panics.
 
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -194,7 +194,7 @@ fn paths_may_have_spaces_and_any_letters() {
     let scene: Value = serde_json::from_slice(&std::fs::read(name("scene/design.json")).unwrap()).unwrap();
     assert_eq!((&scene["objects"], &scene["noise"]), (&Value::from(objects.as_str()), &Value::from("read:2")));
     assert_eq!(scene["bias_photons"], 3.0);
-    // A name that begins with a dash is a file after two dashes.
+    // After two dashes, a name that starts with a dash is a file.
     bench.write("-x.npy", npy("(8, 9)", &(0..72).map(|value| value as f32).collect::<Vec<_>>()));
     done(&["tamura", "--", "-x.npy"]);
 }
@@ -240,7 +240,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Numbers and words from the edges of what the parsers know, in every option.
+    /// Numbers and words at the limits of the parsers, in every option.
     #[test]
     fn no_value_makes_it_panic(
         option in prop::sample::select(vec![

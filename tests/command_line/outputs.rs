@@ -1,4 +1,4 @@
-//! What every subcommand writes and prints.
+//! Files and output of every subcommand.
 
 use lenslet_studio::formats::{read_array, read_grey, read_pages};
 use ndarray::{Array2, Array3, Axis, Ix2, Ix3};
@@ -30,7 +30,7 @@ fn export_writes_one_psf_in_every_format() {
     let psf = array2(&bench, "a/psf.npy");
     assert_eq!(psf.dim(), (32, 32));
     assert!((psf.mapv(f64::from).sum() - 1.0).abs() < 1e-6);
-    // Row and column are those of the layout: lenslet 2 stands at row 7, column 9.
+    // Row and column are those of the layout: lenslet 2 lies at row 7, column 9.
     assert!(psf[[7, 9]] > 0.9 * psf[[16, 16]] && psf[[9, 7]] < 0.1 * psf[[16, 16]]);
     let pages = read_pages(&bench.path("a/psf.tiff")).unwrap();
     assert!(pages.len() == 1 && pages[0] == psf);
@@ -44,7 +44,7 @@ fn export_writes_one_psf_in_every_format() {
     let lines: Vec<&str> = table.lines().collect();
     assert!(lines[0].starts_with("x_px,y_px,sigma_px,weight") && lines.len() == 7, "{table}");
     assert!(lines[2].starts_with("9.0,7.0,0.8,"), "{table}");
-    // A mask without lenslets leaves none of an earlier one beside its own PSF.
+    // Export of a mask without lenslets removes the lenslets of an earlier mask from the folder.
     bench.done("export --mask diffuser:16 --out a");
     assert!(!bench.path("a/lenslets.csv").exists() && bench.path("a/psf.npy").is_file());
 }
@@ -82,12 +82,12 @@ fn colours_are_extra_and_change_no_data() {
     for name in ["psf.npy", "psf.png", "psf16.png", "psf.tiff", "design.json", "lenslets.csv"] {
         assert_eq!(bytes(&bench, &format!("plain/{name}")), bytes(&bench, &format!("coloured/{name}")), "{name}");
     }
-    // Those of one mask stay beside each other, and go where another one comes.
+    // Files of one mask stay together, and are removed for another mask.
     let coloured = |name: &str| bench.path(format!("coloured/psf-{name}.png")).exists();
     assert!(["gray", "viridis", "inferno", "cividis", "diverging"].into_iter().all(coloured));
     bench.done("export --out coloured --mask heuristic:2 --colormap gray");
     assert!(coloured("gray") && !["viridis", "inferno", "cividis", "diverging"].into_iter().any(coloured));
-    // Nor is one of them removed that is read.
+    // An input file is not removed.
     let refusal = bench.refused("export --mask psf:coloured/psf-gray.png --out coloured");
     assert!(refusal.contains("psf-gray.png"), "{refusal}");
 }
@@ -234,7 +234,7 @@ fn weak_read_noise_tells_no_more_than_none() {
         assert_eq!(weak, shot, "{line}");
         assert_eq!(found["noise"], "shot+read:0.05", "{line}");
         assert!(found["notes"].to_string().contains("counts are whole"), "{line}: {}", found["notes"]);
-        // Where it hides the counts it is seen as it is, which is hardly less here.
+        // Where read noise hides the counts it is not omitted. The difference is small here.
         let (more, found) = bits(line, "shot+read:0.5");
         assert!(more != shot && more < shot + 0.05, "{line}: {more} {shot}");
         assert!(!found["notes"].to_string().contains("counts are whole"), "{}", found["notes"]);
@@ -256,7 +256,7 @@ fn trials_of_fits_for_a_time_are_compared() {
 #[test]
 fn beads_that_no_light_comes_from_are_told_before_a_fit() {
     let bench = Bench::new();
-    // The one lenslet looks at a plane that the beads are not in.
+    // The one lenslet is focused on a plane without beads.
     let line = "estimate --mask depth:1 --patch 6 --patches-test 20 --steps 2";
     let refusal = bench.refused(&format!("{line} --estimator bracket"));
     assert!(refusal.contains("no photons"), "{refusal}");
@@ -318,7 +318,7 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
     assert!(names.contains(&"posterior sampling"), "{names:?}");
     assert_eq!((&found["seed"], &found["estimator"]), (&Value::from(3), &Value::from("bracket")));
 
-    // Who asks for an upper bound alone gets the smallest one, too.
+    // A request for an upper bound alone also gives the smallest one.
     let live = line.replace("bracket", "causal");
     let found = bench.json(&format!("{live} --objects beads:0.02"));
     let names: Vec<&str> =
@@ -331,7 +331,7 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
     let told = bench.done(&format!("{live} --objects beads:0.02"));
     assert!(told.contains("between 0.") && told.contains("decoder that comes with the program"), "{told}");
 
-    // Objects whose entropy is not known have no lower bound.
+    // Objects of unknown entropy have no lower bound.
     bench.write("digits", idx(12, 28, |pixel| (pixel * 37 % 256) as u8));
     let told = bench.done(&format!("{line} --objects idx:digits"));
     assert!(told.contains("no lower bound is known") && told.contains("only an upper bound"), "{told}");
@@ -410,7 +410,7 @@ fn the_weights_of_a_pixelcnn_are_written_and_scored_again() {
     }
     assert_eq!(scored["patches_train"], json!(0));
     assert!(scored["notes"].to_string().contains("nothing was fitted"), "{}", scored["notes"]);
-    // On another engine, and of measurements that it was not fitted to, it is a bound as well.
+    // On another engine, and for other measurements than those of the fit, it is also a bound.
     let burn = bench.json(&format!("{line} --weights network --engine burn:ndarray"));
     let bits = |estimate: &Value| estimate["bits_per_pixel"].as_f64().unwrap();
     assert!((bits(&burn) - bits(&fitted)).abs() < 1e-4, "{} {}", bits(&burn), bits(&fitted));
@@ -424,7 +424,7 @@ fn the_weights_of_a_pixelcnn_are_written_and_scored_again() {
 #[test]
 fn fits_begin_with_the_weights_of_the_program_unless_fresh_ones_are_wished() {
     let bench = Bench::new();
-    // Of measured images nothing but a density model tells.
+    // Measured images have only the bound of a density model.
     bench.done("simulate --mask heuristic:2 --count 12 --out seen");
     let line =
         "estimate --measurements seen/measurements.npy --estimator causal --patch 16 --patches-test 40 --steps 20";

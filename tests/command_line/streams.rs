@@ -1,4 +1,4 @@
-//! Help, completions, and what is read or written through pipes.
+//! Help, completions, and input and output through pipes.
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader};
@@ -11,7 +11,7 @@ fn everything_has_help() {
     let bench = Bench::new();
     let help = bench.done("--help");
     let commands = help.split("Commands:").nth(1).unwrap().split("\n\n").next().unwrap();
-    // What a command does may go on in the next line, further in.
+    // The description of a command may continue on the next line, indented further.
     let named = commands.lines().filter_map(|line| line.strip_prefix("  ").filter(|line| !line.starts_with(' ')));
     let names: Vec<&str> = named.filter_map(|line| line.split_whitespace().next()).collect();
     assert!(names.len() > 9 && names.contains(&"estimate"), "{help}");
@@ -36,7 +36,7 @@ fn shells_are_offered_completions() {
     assert!(bench.refused("completions tcl").contains("bash"));
 }
 
-/// A reader that leaves after the first line is no error, and what was to be written to files is.
+/// A reader that leaves after the first line is no error, and the output files are written.
 #[test]
 fn a_closed_pipe_is_no_error() {
     let bench = Bench::new();
@@ -82,10 +82,10 @@ fn a_full_disk_behind_standard_output_is_told() {
         let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
         let told = text(&output.stderr);
         assert_eq!(output.status.code(), Some(2), "{line}: {told}");
-        // What was understood of a file may stand before it.
+        // The interpretation of a file may precede it.
         let last = told.trim_end().lines().last().unwrap_or_default();
         assert!(last.starts_with("lenslet-studio: standard output: expected"), "{told}");
-        // With standard error full as well, nobody can be told, and the code remains.
+        // With standard error also full, no report is possible, and the exit code remains.
         let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
         let status = bench.command().args(line.split_whitespace()).stdout(full()).stderr(full()).status().unwrap();
         assert_eq!(status.code(), Some(2), "{line}");
@@ -99,7 +99,7 @@ fn a_full_disk_behind_standard_output_is_told() {
 #[test]
 fn files_that_outgrow_the_disk_leave_nothing_behind() {
     let bench = Bench::new();
-    // A limit on the length of files stands for a full disk: both refuse to write on.
+    // A limit on the length of files simulates a full disk: both refuse further writes.
     let limited = |blocks: usize, line: &str| {
         let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" {line}");
         let mut command = std::process::Command::new("sh");
@@ -121,7 +121,7 @@ fn files_that_outgrow_the_disk_leave_nothing_behind() {
         if line.starts_with("simulate") {
             assert!(kept.is_empty(), "{line}: {kept:?}");
         } else {
-            // Each file that is there is complete; the design, which is longer, is not there.
+            // Every existing file is complete. The longer design file is missing.
             assert!(kept.iter().all(|file| !file.ends_with("design.json")), "{kept:?}");
             for file in kept.iter().filter(|file| file.extension().is_some_and(|ending| ending == "png")) {
                 assert_eq!(lenslet_studio::formats::read_grey(file).unwrap().dim(), (32, 32));

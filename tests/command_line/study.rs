@@ -1,10 +1,10 @@
-//! Studies: tables that are computed cell by cell, continued, and refused where they do not belong together.
+//! Studies: tables that are computed cell by cell, resumed, and refused where their settings differ.
 
 use serde_json::{Value, json};
 
 use super::{Bench, idx, npy, text};
 
-/// Cells of fractions of a second.
+/// Cells that take fractions of a second.
 const TINY: &str = "--patch 6 --patches-train 200 --patches-test 40 --estimator gaussian";
 
 fn cells(study: &Value) -> &Vec<Value> {
@@ -41,7 +41,7 @@ fn a_grid_is_computed_into_one_file_and_tables() {
         assert_eq!(cell["published"], Value::Null);
     }
     assert_eq!((&study["summary"]["estimated"], &study["summary"]["failed"]), (&json!(4), &json!(0)));
-    // A cell is the estimate that the estimate command gives.
+    // A cell equals the result of the estimate command.
     let line = "estimate --estimator gaussian --patch 6 --patches-train 200 --patches-test 40 --seed 1";
     let mut alone = bench.json(&format!("{line} --objects beads:0.05 --mask heuristic:4"));
     alone["seconds"] = cells(&study)[3]["estimate"]["seconds"].clone();
@@ -64,7 +64,7 @@ fn pictures_that_were_left_out_are_told() {
     let notice = "- images:seen: 1 unreadable file was left out: bad.png";
     assert!(printed.contains(notice) && written(&bench, "a/study.md").contains(notice), "{printed}");
     assert!(read(&bench, "a/study.json")["notices"].to_string().contains("bad.png"));
-    // It is the same study where they can be read later.
+    // The study stays the same where its objects become readable later.
     std::fs::remove_file(bench.path("seen/bad.png")).unwrap();
     assert!(!bench.done(&line).contains("left out"));
 }
@@ -93,15 +93,15 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
         published(&format!("{sets} --published-as cifar10 --published-as fashion --out d")),
         [json!(0.1691), json!(0.3829)]
     );
-    // Beads need no name of a set.
+    // Beads need no set name.
     assert_eq!(
         published("--lenslets 9 --objects beads:0.02 --objects idx:a.idx --published-as mnist --out g"),
         [json!(0.57), json!(0.611)]
     );
-    // No set was published that is of beads.
+    // No published set consists of beads.
     let sentence = bench.refused("study grid --objects beads:0.02 --published-as mnist --out f");
     assert!(sentence.contains("beads:0.02") && sentence.contains("--published-as none"), "{sentence}");
-    // Gaussian bounds of beads fall with the number of lenslets, published values of sparse ones rise.
+    // Gaussian bounds of beads decrease with the number of lenslets. Published values of sparse ones increase.
     let told = bench.done(
         "study grid --estimator gaussian --patches-train 2000 --patches-test 200 --objects beads:0.008 --lenslets 1,4,9 --out e",
     );
@@ -120,7 +120,7 @@ fn what_is_missing_is_computed_and_nothing_else() {
     let bench = Bench::new();
     let line = format!("study grid {TINY} --objects beads:0.02 --lenslets 1,2,4 --out a");
     let whole = bench.json(&line);
-    // As a run leaves it that was killed after its second cell; the first carries a mark.
+    // The state after a kill in the third cell. The first cell carries a mark.
     let mut part = whole.clone();
     part["cells"].as_array_mut().unwrap().truncate(2);
     part["cells"][0]["estimate"]["notes"] = json!(["computed before"]);
@@ -135,7 +135,7 @@ fn what_is_missing_is_computed_and_nothing_else() {
     let bits = |study: &Value| cells(study)[2]["estimate"]["bits_per_pixel"].clone();
     assert_eq!(bits(&again), bits(&whole), "the same seed gives the same cell");
     assert_eq!(written(&bench, "a/study.csv").lines().count(), 4);
-    // Nothing is left: nothing is computed, and the file stays as it is.
+    // Nothing is missing: nothing is computed, and the file is unchanged.
     let bytes = written(&bench, "a/study.json");
     let output = bench.run(line.split_whitespace());
     assert!(text(&output.stderr).contains("nothing is left to compute"), "{}", text(&output.stderr));
@@ -159,7 +159,7 @@ fn a_changed_setting_is_refused_in_one_sentence() {
         assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");
     }
     assert!(bench.refused("study patches --estimator gaussian --sides 6 --out a").contains("kind patches"));
-    // The same name, other pictures.
+    // The same name with other images.
     bench.write("a.idx", idx(40, 28, |index| (index * 11 % 251) as u8));
     let told = bench.refused(&format!("{line} --lenslets 1 --out a"));
     assert!(told.contains("objects of the fingerprint"), "{told}");

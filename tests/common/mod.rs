@@ -1,4 +1,4 @@
-//! Measurements of known information, on which the estimators are tested.
+//! Measurements of known information, for tests of the estimators.
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 

@@ -1,9 +1,9 @@
-//! Fresh patches of the studies with known information.
+//! New patches of the studies with known information.
 
 use super::known_truths::KnownTruth;
 use lenslet_studio::information::{InformationError, PatchBatch, PatchStream};
 
-/// Fresh patches of a study.
+/// Stream of new patches of a study.
 pub struct StudyStream<'a>(pub &'a KnownTruth);
 
 impl PatchStream for StudyStream<'_> {

@@ -15,7 +15,7 @@ fn approximations_are_not_called_bounds() {
     let is_bound = |window: &Window| studio(window).session().live().information.unwrap().value.gaussian_is_bound;
     settle(&mut window);
     assert!(is_bound(&window), "beads are the same everywhere");
-    // Of the size of the field they are whole.
+    // Images of the size of the field are whole objects.
     let whole = folder.path().join("whole.npy");
     let pixels = ndarray::Array3::from_shape_fn((12, 96, 96), |(n, r, c)| ((n * 7 + r * c) % 101) as f32);
     lenslet_studio::formats::write_array(&whole, pixels.view()).unwrap();
@@ -46,11 +46,11 @@ fn snapshots_are_compared_exported_and_opened() {
     menu(&mut window, &["Presets", "Heuristic lenslets", "4 lenslets"]);
     window.key_press_modifiers(Modifiers::COMMAND, Key::D);
     settle(&mut window);
-    // Both have their numbers: the bound of nine lenslets and of four, and what the objects hold.
+    // Both have their numbers: the bound of nine and of four lenslets, and the entropy of the objects.
     let bound = studio(&window).session().live().information.unwrap().value.ceiling_bits().unwrap();
     assert_eq!(window.query_all_by_label(&format!("\u{2264} {bound:.3}")).count(), 2, "here and as the headline");
     window.get_by_label("\u{2264} 0.442");
-    // The first two are A and B; the image flips between them and shows what differs.
+    // The first two are A and B. The image flips between them and shows their difference.
     window.get_by_label("Comparison");
     click(&mut window, "Flip");
     window.get_by_label("Comparison");
@@ -83,7 +83,7 @@ fn snapshots_are_compared_exported_and_opened() {
     assert!(window.query_by_label("Restore snapshot").is_none());
     menu(&mut window, &["More of snapshot 1", "Delete"]);
     window.get_by_label("More of snapshot 2");
-    // Numbers before another scene are marked as such.
+    // Numbers of another scene are marked as such.
     assert!(window.query_by_label("b").is_none());
     click(&mut window, "Scene");
     click(&mut window, "New");

@@ -9,18 +9,18 @@ use egui_kittest::kittest::NodeT;
 use super::estimates::wait_for;
 use super::*;
 
-/// Names the folder of all programs that the test below can start; it runs in a process of its own, with no portal and
-/// no dialog but that folder's, whatever the machine has.
+/// Variable with the folder of all programs that the test below can start. It runs in its own process, with no portal and
+/// no dialog except in that folder, whatever the machine has.
 const PROGRAMS: &str = "LENSLET_STUDIO_DIALOG_PROGRAMS";
 
-/// Puts a program in place that notes that it was asked and then does `and`.
+/// Installs a program that records its call and then runs `and`.
 fn put_dialog(programs: &Path, and: &str) {
     let program = programs.join("zenity");
     std::fs::write(&program, format!("#!/bin/sh\necho >>'{}'\n{and}\n", programs.join("asked").display())).unwrap();
     std::fs::set_permissions(program, std::fs::Permissions::from_mode(0o755)).unwrap();
 }
 
-/// How often the system's dialog was asked.
+/// Number of calls of the system's dialog.
 fn asked(programs: &Path) -> usize {
     std::fs::read(programs.join("asked")).map_or(0, |lines| lines.len())
 }
@@ -78,7 +78,7 @@ fn typed_path_survives_missing_or_cancelled_dialog() {
     settle(&mut window);
     assert_eq!(studio(&window).session().design().seed, 77);
 
-    // The system has asked about the name, which is not yet that of the file.
+    // The system has asked about the name without its extension.
     let other = programs.join("other.json");
     Design { seed: 5, ..Design::default() }.save(&other).unwrap();
     put_dialog(&programs, &format!("echo '{}'", programs.join("other").display()));
@@ -89,7 +89,7 @@ fn typed_path_survives_missing_or_cancelled_dialog() {
     assert_eq!(Design::open(&other).unwrap().seed, 5, "it is asked about first");
     window.get_by_label("Replace");
     click(&mut window, "Cancel");
-    // About the file itself it has asked, and that is enough.
+    // The system has asked about the file itself, so the window does not ask.
     menu(&mut window, &["File", "Save design as..."]);
     put_dialog(&programs, &format!("echo '{}'", other.display()));
     browse(&mut window);

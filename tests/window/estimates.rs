@@ -1,4 +1,4 @@
-//! Estimates in the window: live, and ordered.
+//! Estimates in the window: the live estimate and requested ones.
 
 use super::home::at_home;
 use super::*;
@@ -47,7 +47,7 @@ fn live_estimate_follows_edits_and_can_be_switched_off() {
     });
     let live = studio(&window).session().estimates().live.unwrap();
     assert_eq!((live.revision, live.value.pulls.as_ref().unwrap().len()), (after, 2));
-    // Both bounds come without being asked for.
+    // Both bounds arrive without a request.
     wait_for(&mut window, "the lower bound", |window| {
         studio(window).session().estimates().live.is_some_and(|live| live.value.lower.is_some())
     });
@@ -103,7 +103,7 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     assert!(window.query_by_label_contains("decoder, ").is_none());
     drop(window);
 
-    // The other day it is there with all that belongs to it, until it is deleted.
+    // In the next session the estimate is there with all its data, until it is deleted.
     let found = |window: &Window| studio(window).session().estimates().finished;
     let mut window = at_home(folder.path());
     click(&mut window, "Discard");
@@ -141,7 +141,7 @@ fn running_estimate_resumes_in_next_window() {
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
     assert!(pending.exists());
     assert!(studio(&window).session().keeps_estimates());
-    // Another one waits for it.
+    // A second estimate waits for the first.
     type_number(&mut window, "Steps of the fit", "50");
     click(&mut window, "Start estimate");
     let waiting = folder.path().join("estimates/waiting");
@@ -161,7 +161,7 @@ fn running_estimate_resumes_in_next_window() {
     assert_eq!(models, [full(60), full(50)]);
     wait_for(&mut window, "the end", |_| !pending.exists() && !waiting.exists());
 
-    // One that is cancelled does not come again.
+    // A cancelled estimate is not repeated.
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
@@ -170,7 +170,7 @@ fn running_estimate_resumes_in_next_window() {
     wait_for(&mut window, "the end", |_| !pending.exists());
     drop(window);
 
-    // An estimate that has crashed several programs is dropped, with a message.
+    // An estimate that crashed several programs is dropped, with a message.
     std::fs::create_dir_all(pending.parent().unwrap()).unwrap();
     std::fs::write(&pending, order.replacen("\"crashes\": 0", "\"crashes\": 3", 1)).unwrap();
     assert_eq!(crashes(&pending), 3);
@@ -182,7 +182,7 @@ fn running_estimate_resumes_in_next_window() {
     assert!(!pending.exists() && studio(&window).session().estimates().running.is_none());
     drop(window);
 
-    // One whose objects are on a disk that is not there waits for it.
+    // An estimate whose objects are on a missing disk waits for the disk.
     let objects = folder.path().join("objects.npy");
     let source = format!("\"stack:{}\"", objects.display());
     std::fs::create_dir_all(pending.parent().unwrap()).unwrap();
@@ -210,7 +210,7 @@ fn pixelcnn_follows_its_protocol_and_trials() {
     let folder = tempfile::tempdir().unwrap();
     let pending = folder.path().join("estimates/pending/order.json");
     let mut window = at_home(folder.path());
-    // Trials and protocol that are asked for, of an estimate that is then cancelled.
+    // Requested trials and protocol of an estimate that is then cancelled.
     let ordered = |window: &mut Window| {
         click(window, "Start estimate");
         wait_for(window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
@@ -226,7 +226,7 @@ fn pixelcnn_follows_its_protocol_and_trials() {
     }
     type_number(&mut window, "Trials", "3");
     assert_eq!(ordered(&mut window), ["3", "\"paper\""]);
-    // What was chosen for it is not asked of a bracket.
+    // These settings do not apply to a bracket.
     click(&mut window, "Estimator");
     click(&mut window, "Bracket");
     assert_eq!(ordered(&mut window), ["1", "\"default\""]);
@@ -274,7 +274,7 @@ fn camera_images_are_estimated() {
     window.get_by_label("Images: gain").type_text("2");
     window.key_press(Key::Enter);
     window.run_steps(2);
-    // The fit has a length of its own.
+    // The fit has its own length.
     let steps = |window: &Window, name: &str| window.get_by_label(name).accesskit_node().numeric_value().unwrap();
     type_number(&mut window, "Steps of the fit to images", "500");
     assert_eq!(steps(&window, "Steps of the fit to images"), 500.0);
@@ -298,7 +298,7 @@ fn camera_images_are_estimated() {
         "it is not a number of the design"
     );
     window.get_by_label_contains("the scenes of");
-    // The settings and notes of the command line stand beside the number.
+    // The settings and notes of the command line are beside the number.
     window.get_by_label("gain 2, offset 0, bin 1");
     window.get_by_label("note: photons are (grey level - 0) / 2");
     for note in &finished.estimate.notes {

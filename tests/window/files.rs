@@ -1,9 +1,9 @@
-//! Files of images: what is understood of them is shown before they are used, and can be corrected there.
+//! Files of images: their interpretation is shown before use, and can be corrected there.
 
 use super::estimates::wait_for;
 use super::*;
 
-/// An array whose rows are brighter the lower they lie.
+/// An array whose lower rows are brighter.
 fn array(path: &Path, shape: (usize, usize, usize)) {
     let values = ndarray::Array3::from_shape_fn(shape, |(row, ..)| 1.0 + row as f32);
     lenslet_studio::formats::write_array(path, values.view()).unwrap();
@@ -72,7 +72,7 @@ fn scene_panel_reports_scaling_of_large_images() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("photo.npy");
     array(&path, (1, 240, 320));
-    // A single array that is opened as images is scaled to the field.
+    // A single array opened as images is scaled to the field.
     let design = Design { objects: ObjectSource::Images(path), ..Design::default() };
     let mut window = open(design);
     settle(&mut window);

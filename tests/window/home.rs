@@ -1,4 +1,4 @@
-//! What outlives the window, and finding one's way in it.
+//! Data that outlive the window, and navigation in the window.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,7 +9,7 @@ use lenslet_studio::forward::Design;
 
 use super::{Window, answer, click, close, lenslets, menu, open, open_sized, open_window, settle, studio, type_number};
 
-/// A window that lives in a folder, not for the first time.
+/// A window with application data in a folder, not for the first time.
 pub fn at_home(folder: &Path) -> Window {
     let preferences = folder.join("preferences.json");
     if !preferences.exists() {
@@ -27,7 +27,7 @@ fn first_at_home(folder: &Path) -> Window {
     window
 }
 
-/// Presses a key and finds something on the sheet that it opens.
+/// Presses a key and finds an entry in the dialog that it opens.
 fn is_in_reach(window: &mut Window, modifiers: Modifiers, key: Key, name: &str) {
     window.key_press_modifiers(modifiers, key);
     window.run_steps(4);
@@ -51,7 +51,7 @@ fn dialogs_fit_a_small_window() {
         Key::F1,
         "Zoom; middle drag, or Space and drag, moves the image; 0 shows all",
     );
-    // What is below is scrolled to.
+    // Lower entries are scrolled to.
     window.key_press(Key::F1);
     window.run_steps(4);
     let last = |window: &Window| window.get_by_label("Next lenslet or control; Space selects").rect();
@@ -92,7 +92,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     assert!(window.query_by_label("Recover").is_none());
     menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
     until(&mut window, || kept(folder.path()) == 1);
-    // The power is cut: a copy of the folder as it is now stands for it.
+    // A power cut, simulated by a copy of the folder in its current state.
     let later = tempfile::tempdir().unwrap();
     std::fs::create_dir(later.path().join("unsaved")).unwrap();
     for file in std::fs::read_dir(folder.path().join("unsaved")).unwrap() {
@@ -104,7 +104,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     drop(window);
     assert_eq!(kept(folder.path()), 0, "a window that was closed leaves nothing behind");
 
-    // What is recovered is not covered by the question what to start from.
+    // The welcome dialog does not cover the recovered design.
     let mut window = first_at_home(later.path());
     assert_eq!(lenslets(&window).len(), 9);
     window.get_by_label_contains("3 lenslets, beads:0.02");
@@ -113,7 +113,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     assert!(window.query_by_label("Welcome to Lenslet Studio").is_none());
     assert_eq!(lenslets(&window).len(), 3);
     assert!(studio(&window).session().is_dirty());
-    // It is autosaved again at once, and no longer once it is saved.
+    // It is autosaved again at once, until it is saved.
     until(&mut window, || kept(later.path()) == 1);
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &later.path().join("mine.json"), "Save");
@@ -180,7 +180,7 @@ fn changes_in_default_folder_are_offered_with_chosen_folder() {
     click(&mut window, "Recover");
     settle(&mut window);
     assert_eq!(studio(&window).session().design().seed, 6, "the newest first");
-    // It is autosaved in the chosen folder from now on.
+    // It is autosaved in the chosen folder afterwards.
     until(&mut window, || kept(folder.path()) == 0);
     let files = std::fs::read_dir(elsewhere.path()).unwrap().map(|file| file.unwrap().path());
     assert_eq!(files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count(), 2);
@@ -224,7 +224,7 @@ fn theme_and_layout_are_restored_and_reset() {
     let mut window = at_home(folder.path());
     assert!(window.query_by_label("Recover").is_none());
     assert_eq!(window.ctx.options(|options| options.theme_preference), egui::ThemePreference::Light);
-    // A damaged layout is the first one again.
+    // A damaged layout is replaced by the default one.
     assert!(window.query_by_label("Export MTF as CSV").is_none());
     menu(&mut window, &["View", "Panel", "Show MTF"]);
     window.get_by_label("Export MTF as CSV");
@@ -255,7 +255,7 @@ fn interface_zoom_is_set_and_stored() {
     drop(window);
     let mut window = at_home(folder.path());
     assert_eq!(percent(&window), 80.0);
-    // In the settings it is the same number, and can be set there.
+    // The settings show the same number and can change it.
     press(&mut window, Key::Comma);
     let slider = window.get_by_role_and_label(Role::Slider, "Zoom");
     assert_eq!(slider.accesskit_node().numeric_value().map(|size| (100.0 * size).round()), Some(80.0));
@@ -270,7 +270,7 @@ fn interface_zoom_is_set_and_stored() {
     }
     window.key_press(Key::Escape);
     window.run_steps(4);
-    // The keys end where the next window would not follow.
+    // The keys stop at the range that the next window accepts.
     for (key, times, size) in [(Key::Minus, 12, 50.0), (Key::Plus, 40, 400.0)] {
         for _ in 0..times {
             press(&mut window, key);
@@ -301,7 +301,7 @@ fn palette_works_by_keyboard_alone() {
     assert!(studio(&window).session().run().is_some());
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     type_and_enter(&mut window, "stop the run");
-    // The arrows choose, Escape leaves everything as it is.
+    // The arrows choose, and Escape changes nothing.
     window.key_press_modifiers(Modifiers::COMMAND, Key::K);
     window.run_steps(2);
     window.get_by_label("Find an action").type_text("mask: diffuser");
@@ -353,7 +353,7 @@ fn keys_do_not_reach_mask_behind_dialog() {
     window.key_press(Key::Delete);
     window.run_steps(4);
     assert_eq!(lenslets(&window), before[1..]);
-    // The mask need not be seen.
+    // The mask need not be visible.
     window.hover_at(window.get_by_role_and_label(Role::Image, "Object").rect().center());
     window.run_steps(2);
     window.key_press_modifiers(Modifiers::COMMAND, Key::M);
@@ -459,7 +459,7 @@ fn dialogs_list_keys_and_versions() {
 #[test]
 fn full_disk_is_reported() {
     let folder = tempfile::tempdir().unwrap();
-    // A file where the folder should be stands for a place that cannot be written to.
+    // A file in place of the folder represents a place that is not writable.
     let place = folder.path().join("place");
     std::fs::write(&place, b"").unwrap();
     let mut window = open_window(Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, false);
@@ -467,7 +467,7 @@ fn full_disk_is_reported() {
     window.state_mut().as_mut().unwrap().keep_data_in(&ctx, &place);
     window.run_steps(4);
     window.get_by_label("Dismiss");
-    // One sentence is enough, and gives no advice on folders.
+    // One sentence suffices, without advice on folders.
     menu(&mut window, &["View", "Messages"]);
     let told = |text: &str| window.query_all_by_label_contains(text).count();
     assert!(told("Nothing is saved when the window closes: ") >= 1);

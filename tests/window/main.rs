@@ -24,7 +24,7 @@ use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet};
 use lenslet_studio::studio::Studio;
 
-/// The program's own, since the soak weighs what it keeps.
+/// The allocator of the program, because the soak test measures its memory.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -38,7 +38,7 @@ fn open_sized(design: Design, size: Vec2) -> Window {
     open_themed(design, size, Theme::Dark)
 }
 
-/// A window without live estimates, whose numbers would never come to rest.
+/// A window without live estimates, whose numbers would never converge.
 fn open_themed(design: Design, size: Vec2, theme: Theme) -> Window {
     open_window(design, size, theme, false)
 }
@@ -78,7 +78,7 @@ fn lenslets(window: &Window) -> Vec<Lenslet> {
     studio(window).session().design().encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
 }
 
-/// Steps frames until the worker has answered everything, and once more to show it.
+/// Steps frames until the worker has answered everything, and one more to show it.
 fn settle(window: &mut Window) {
     for _ in 0..200_000 {
         window.step();
@@ -120,7 +120,7 @@ fn answer(window: &mut Window, path: &Path, button: &str) {
     settle(window);
 }
 
-/// Presses a button, moves in five steps, and lets go.
+/// Presses a button, moves in five steps, and releases it.
 fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) {
     let press = |pressed, pos| egui::Event::PointerButton { pos, button, pressed, modifiers: Modifiers::NONE };
     window.hover_at(from);
@@ -135,7 +135,7 @@ fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) 
     window.run_steps(3);
 }
 
-/// Stops the run, and the score that follows, and waits until the run has stopped.
+/// Stops the run and the following score, and waits until the run has stopped.
 fn stop_run(window: &mut Window) {
     let deadline = std::time::Instant::now() + std::time::Duration::from_mins(5);
     while studio(window).session().run().is_some_and(|run| run.is_active()) && std::time::Instant::now() < deadline {
@@ -149,7 +149,7 @@ fn stop_run(window: &mut Window) {
     window.run_steps(4);
 }
 
-/// Turns the wheel over a place.
+/// Turns the wheel at a place.
 fn turn(window: &mut Window, place: Pos2, notches: f32, modifiers: Modifiers) {
     window.hover_at(place);
     window.run_steps(2);
@@ -290,10 +290,10 @@ fn save_asks_before_replacing_another_design() {
     }
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &file, "Save");
-    // Another name is another question, or none.
+    // Another name gives another question, or none.
     answer(&mut window, &free, "Save");
     assert_eq!(studio(&window).session().path(), Some(free.as_path()));
-    // There is none about the design's own file.
+    // The design's own file gives no question.
     click(&mut window, "Add lenslet");
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &free, "Save");
@@ -330,7 +330,7 @@ fn scene_panel_sets_noise_and_photons() {
     assert_eq!(live(&window).scene.unwrap().value.set.planes(), 5);
 }
 
-/// A file as the window system hands it over.
+/// A file as passed by the window system.
 #[derive(Debug)]
 struct Dropped(std::path::PathBuf);
 
@@ -392,7 +392,7 @@ fn unused_dropped_files_are_named() {
     click(&mut window, "As objects");
     settle(&mut window);
     assert_eq!(studio(&window).session().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
-    // Some of a folder are not; what finds no use is named.
+    // Some images of a folder are not a set. Unused files are named.
     drop(&mut window, &pictures[2..5]);
     window.get_by_label_contains("Only 2.npy can be used");
     click(&mut window, "2.npy as PSF");
@@ -400,7 +400,7 @@ fn unused_dropped_files_are_named() {
     assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
     menu(&mut window, &["View", "Messages"]);
     assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());
-    // One window has one design.
+    // A window holds one design.
     let designs: Vec<_> = (1..9).map(|seed| folder.path().join(format!("{seed}.json"))).collect();
     for (seed, path) in designs.iter().enumerate() {
         Design { seed: seed as u64, ..Design::default() }.save(path).unwrap();
@@ -473,7 +473,7 @@ fn window_matches_snapshot() {
     let mut results = egui_kittest::SnapshotResults::new();
     for (theme, name) in [(Theme::Dark, "window-dark"), (Theme::Light, "window-light")] {
         let mut window = open_themed(Design::default(), Vec2::new(1280.0, 800.0), theme);
-        // What random numbers, rounding and the clock decide is covered: it differs between processors.
+        // Random numbers, rounding and time differ between processors, so these places are covered.
         window.mask(window.get_by_role_and_label(Role::Image, "Measurement").rect().expand(2.0));
         window.mask(Rect::from_min_max(pos2(1060.0, 770.0), pos2(1272.0, 792.0)));
         window.mask(Rect::from_min_max(pos2(812.0, 465.0), pos2(872.0, 766.0)));
@@ -493,7 +493,7 @@ fn a_small_window_still_works() {
 #[test]
 fn idle_window_requests_no_frames() {
     let mut window = open(Design::default());
-    // Animations of the first frames fade out; then nothing may ask for another frame.
+    // Animations of the first frames end. Then nothing may request another frame.
     window.run_steps(60);
     let delay = window.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min().unwrap();
     assert!(delay > std::time::Duration::from_secs(1), "the next frame is asked for in {delay:?}");

@@ -1,4 +1,4 @@
-//! The mask in the hands of its user.
+//! Editing the mask by pointer and keys.
 
 use egui::accesskit::Role;
 use egui::{Key, Modifiers, PointerButton, Vec2};
@@ -43,7 +43,7 @@ fn fast_drag_moves_pressed_lenslet() {
         let (button, modifiers) = (egui::PointerButton::Primary, Modifiers::NONE);
         egui::Event::PointerButton { pos, button, pressed, modifiers }
     };
-    // All of a slow frame at once.
+    // All events of a slow frame at once.
     window.input_mut().events.extend([press(true, from), egui::Event::PointerMoved(to)]);
     window.step();
     window.step();
@@ -147,7 +147,7 @@ fn shift_click_toggles_selection_and_space_keeps_it() {
     window.get_by_label("2 selected");
     shift_click(&mut window, "Lenslet 2");
     window.get_by_label("3 selected");
-    // The last one has the keyboard.
+    // The last one has the keyboard focus.
     window.key_press(Key::Space);
     window.run_steps(3);
     window.get_by_label("3 selected");
@@ -226,7 +226,7 @@ fn unchanged_numbers_keep_all_decimals() {
         let session = studio(window).session();
         assert_eq!((&**session.design(), session.undoes(), session.is_dirty()), (&design, None, false));
     };
-    // In and out again, by the pointer and by keys.
+    // Zoom in and out again, by the pointer and by keys.
     for field in ["Lenslet 1 x", "Lenslet 1 weight"] {
         window.get_by_label(field).click();
         window.run_steps(3);
@@ -239,7 +239,7 @@ fn unchanged_numbers_keep_all_decimals() {
         tab_on(&mut window, 5);
         is_as_it_was(&window);
     }
-    // With several selected, one does not give its own number to all.
+    // With several selected, a lenslet's field does not set its own number for all.
     click(&mut window, "Edit");
     click(&mut window, "Select all lenslets");
     window.get_by_label("3 selected");
@@ -248,7 +248,7 @@ fn unchanged_numbers_keep_all_decimals() {
         tab_on(&mut window, 2);
         is_as_it_was(&window);
     }
-    // What is typed or stepped is taken.
+    // A typed or stepped number is committed.
     type_number(&mut window, "Lenslet 2 weight", "0.5");
     assert!(lenslets(&window).iter().all(|lenslet| lenslet.weight == 0.5));
     type_number(&mut window, "Lenslet 1 x", "16.2346");
@@ -332,7 +332,7 @@ fn undo_resets_selection_and_restores_locks() {
     click(&mut window, "Lock lenslet 1");
     window.key_press(Key::ArrowRight);
     settle(&mut window);
-    // One that was only moved is the same.
+    // A moved lenslet keeps its identity.
     undo(&mut window);
     window.get_by_label("1 selected");
     assert!(is_locked(&window));
@@ -340,7 +340,7 @@ fn undo_resets_selection_and_restores_locks() {
     assert_eq!(lenslets(&window).len(), 25);
     assert!(!is_locked(&window));
     window.get_by_label_contains("Double-click adds a lenslet");
-    // What was deleted comes back where it was, and moves the others on.
+    // A deleted lenslet returns to its old place in the list, and the others move on.
     click(&mut window, "Select lenslet 1");
     click(&mut window, "Delete selected");
     click(&mut window, "Select lenslet 1");

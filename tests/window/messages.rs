@@ -6,10 +6,10 @@ use egui_kittest::kittest::NodeT;
 
 use super::*;
 
-/// Frames of seven seconds by the clock of these windows; messages leave the corner after five.
+/// Frames of seven seconds by the clock of these windows. Toasts disappear after five.
 const SEVEN_SECONDS: usize = 7 * 60;
 
-/// How often a text is painted in the lower right corner.
+/// Number of times a text is painted in the lower right corner.
 fn in_the_corner(window: &Window, text: &str) -> usize {
     fn count(shape: &Shape, text: &str, corner: Rect) -> usize {
         match shape {
@@ -23,7 +23,7 @@ fn in_the_corner(window: &Window, text: &str) -> usize {
     window.output().shapes.iter().map(|clipped| count(&clipped.shape, text, corner)).sum()
 }
 
-/// Tops of all places where a text stands, from the highest.
+/// Tops of all places of a text, from the highest.
 fn tops(window: &Window, text: &str) -> Vec<f32> {
     let mut tops: Vec<f32> = window.query_all_by_label(text).map(|node| node.rect().top()).collect();
     tops.sort_by(f32::total_cmp);
@@ -36,14 +36,14 @@ fn toasts_disappear_and_stay_in_the_log() {
     let message = |number: usize| format!("Saved as layout {number}");
     menu(&mut window, &["View", "Layout", "Save as layout 1"]);
     assert_eq!(in_the_corner(&window, &message(1)), 1);
-    // The status line says it to those who listen.
+    // Assistive technology reads the status line.
     assert_eq!(window.get_by_label(&message(1)).accesskit_node().live(), Live::Polite);
     menu(&mut window, &["View", "Layout", "Save as layout 2"]);
     assert_eq!((in_the_corner(&window, &message(1)), in_the_corner(&window, &message(2))), (1, 1));
     window.run_steps(SEVEN_SECONDS);
     assert_eq!((in_the_corner(&window, &message(1)), in_the_corner(&window, &message(2))), (0, 0));
 
-    // All of them are a click on the status line away, the newest first.
+    // A click on the status line shows all of them, the newest first.
     click(&mut window, &message(2));
     let (older, newer) = (tops(&window, &message(1)), tops(&window, &message(2)));
     assert_eq!((older.len(), newer.len()), (1, 2), "the newest stands in the status line, too");
@@ -68,7 +68,7 @@ fn failure_banner_stays_until_dismissed() {
     assert!(strip(&window));
     let is_alert = |node: egui_kittest::Node<'_>| node.accesskit_node().live() == Live::Assertive;
     assert!(window.query_all_by_label(&message).any(is_alert), "those who listen are interrupted");
-    // Neither time nor other work takes it away.
+    // Neither time nor other work removes the banner.
     window.run_steps(SEVEN_SECONDS);
     click(&mut window, "Add lenslet");
     settle(&mut window);
@@ -77,7 +77,7 @@ fn failure_banner_stays_until_dismissed() {
     assert!(window.query_by_label("Dismiss").is_none());
     menu(&mut window, &["View", "Messages"]);
     assert_eq!(tops(&window, &message).len(), 2, "in the list and in the status line");
-    // The same failure again is no less of one.
+    // The same failure again shows the banner again.
     fail(&mut window);
     assert!(strip(&window));
     assert_eq!(tops(&window, &message).len(), 3);

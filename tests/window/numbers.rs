@@ -1,4 +1,5 @@
-//! Number fields: what is typed is the number that the rules say, or the old one stays and a sentence says why.
+//! Number fields: a typed text gives the number of the rules. Otherwise the old number stays and a message gives the
+//! reason.
 
 use std::cell::RefCell;
 
@@ -13,7 +14,7 @@ fn number(window: &Window, field: &str) -> f64 {
     window.get_by_role_and_label(Role::SpinButton, field).accesskit_node().numeric_value().unwrap()
 }
 
-/// Opens the images of a camera, whose fields wait for no computation.
+/// Opens the form of camera images, whose fields wait for no computation.
 fn with_images(design: Design) -> Window {
     let mut window = open(design);
     click(&mut window, "Estimates");
@@ -21,7 +22,7 @@ fn with_images(design: Design) -> Window {
     window
 }
 
-/// Begins to type over what a field holds; whatever `text` is, it is not committed yet.
+/// Starts to type over the content of a field. The text is not committed yet, whatever it is.
 fn type_half(window: &mut Window, field: &str, text: &str) {
     window.get_by_label(field).click();
     window.run_steps(2);
@@ -35,12 +36,12 @@ fn type_half(window: &mut Window, field: &str, text: &str) {
     window.run_steps(2);
 }
 
-/// What is shown that contains a text.
+/// Whether a shown text contains `text`.
 fn told(window: &Window, text: &str) -> bool {
     window.query_all_by_label_contains(text).next().is_some()
 }
 
-/// What the rules say of a text, in other words than the parser's.
+/// Value of a text by the rules, implemented differently from the parser.
 fn by_the_rules(text: &str) -> Option<f64> {
     let plain = text.trim().replace('\u{2212}', "-");
     let is_known = |c: char| c.is_ascii_digit() || "+-.,eE".contains(c);
@@ -61,9 +62,9 @@ fn random_texts_of_three_locales_follow_the_rules() {
     const FIELD: &str = "Images: offset";
     let window = RefCell::new(with_images(Design::default()));
     let text = proptest::prop_oneof![
-        // Anything that begins like a number.
+        // Anything that starts like a number.
         "[-+\u{2212}]?[0-9., '\u{a0}\u{202f}eE]{0,9}[a-zA-Z%]?",
-        // Numbers as they are written in English, German, and French or Swiss: with thousands and decimals.
+        // Numbers as written in English, German, and French or Swiss: with thousands and decimals.
         "-?[1-9][0-9]{0,2}(,[0-9]{3}){0,2}(\\.[0-9]{1,4})?",
         "-?[1-9][0-9]{0,2}(\\.[0-9]{3}){0,2}(,[0-9]{1,4})?",
         "-?[1-9][0-9]{0,2}([ '\u{202f}][0-9]{3}){0,2}([.,][0-9]{1,4})?",
@@ -115,7 +116,7 @@ fn rejection_message_names_old_number() {
         let said: Vec<_> = window.query_all_by_label_contains(field).map(|node| node.value()).collect();
         assert!(told(&window, sentence), "{sentence} in {said:?}");
     }
-    // The unit may be typed, with its blank or without.
+    // The unit may be typed, with or without its blank.
     for (text, x) in [("12,5 px", 12.5), ("13px", 13.0), ("\u{2212}0 px", 0.0)] {
         type_number(&mut window, "Lenslet 1 x", text);
         assert_eq!(lenslets(&window)[0].x, x, "{text}");
@@ -127,7 +128,7 @@ fn number_counts_when_committed_and_escape_cancels() {
     let mut window = open(Design::default());
     let before = lenslets(&window);
     let undoes = |window: &Window| studio(window).session().undoes().map(str::to_owned);
-    // On its way to 0.46 a weight is 0, which it may not be for all lenslets.
+    // While 0.46 is typed, a weight is 0 at first. Not all lenslets may have weight 0.
     for (index, _) in before.iter().enumerate() {
         type_half(&mut window, &format!("Lenslet {} weight", index + 1), "0");
         window.get_by_label(&format!("Lenslet {} weight", index + 1)).type_text(",46");
@@ -138,7 +139,7 @@ fn number_counts_when_committed_and_escape_cancels() {
         assert_eq!(lenslets(&window)[index], before[index], "it was taken back");
     }
     assert_eq!(undoes(&window), None);
-    // Enter, Tab, and a click elsewhere commit, each as one step, however soon one comes after the other.
+    // Enter, Tab, and a click elsewhere commit, each as one step, however soon the next one comes.
     type_half(&mut window, "Lenslet 1 weight", "0,46");
     window.key_press(Key::Enter);
     window.run_steps(3);

@@ -8,10 +8,10 @@ use lenslet_studio::workbench::{ActivityState, RunStatus};
 use super::estimates::wait_for;
 use super::*;
 
-/// Has the next computation on threads of this name panic, where it asks for a frame to show what it has come to: the one
-/// thing of a window's that computations call. Tells whether that is still to come.
+/// Makes the next computation on threads of this name panic when it requests a frame for its result. This is the only
+/// window function that computations call. Returns whether the panic is still to come.
 fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
-    // What is shown already may still be about to ask for its frame.
+    // The shown computation may still be about to request its frame.
     while studio(window).session().live().seconds == 0.0 {
         std::thread::yield_now();
     }
@@ -24,7 +24,7 @@ fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
     armed
 }
 
-/// What has become of the last job.
+/// State of the last job.
 fn state(window: &Window) -> Option<ActivityState> {
     studio(window).session().activities().last().map(|activity| activity.state.clone())
 }

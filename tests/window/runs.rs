@@ -1,4 +1,4 @@
-//! Runs in the window: started, previewed, paused, stopped, and undone; and undo of everything else.
+//! Runs in the window: started, previewed, paused, stopped, and undone. Undo of other commands.
 
 use super::estimates::wait_for;
 use super::home::at_home;
@@ -63,7 +63,7 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     click(&mut window, "Start run");
     let checkpoints = |window: &Window| studio(window).session().run().map_or(0, |run| run.checkpoints.len());
     wait_for(&mut window, "the third refit", |window| checkpoints(window) >= 3);
-    // The mask in the window is that of the run, and everything that depends on it follows; the design is as it was.
+    // The window shows the mask of the run and its results. The design is unchanged.
     assert_ne!(lenslets(&window), before);
     assert!(studio(&window).session().is_following() && studio(&window).session().is_previewing());
     assert_eq!(open_lenslets(&window), before);
@@ -96,7 +96,7 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     click(&mut window, "Show newest");
     assert_eq!(lenslets(&window), stopped);
 
-    // Looking at it changes nothing, and accepting it is one step.
+    // A preview changes nothing, and accepting it is one step.
     menu(&mut window, &["Edit", "Undo look at the run"]);
     assert_eq!(lenslets(&window), before);
     click(&mut window, "Show newest");
@@ -112,12 +112,12 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     menu(&mut window, &["Edit", "Redo optimize the mask"]);
     assert_eq!(lenslets(&window), stopped);
 
-    // It goes on from where it was left; another one does not take its place unasked.
+    // It resumes from where it stopped. Another run does not replace it without a question.
     click(&mut window, "Start run");
     window.get_by_label("Discard the last run?");
     click(&mut window, "Cancel");
     assert_eq!(lenslets(&window), stopped);
-    // What it brings later can take the place of what was accepted.
+    // Its later results can replace the accepted mask.
     click(&mut window, "Resume");
     wait_for(&mut window, "the next steps", |window| studio(window).session().run().unwrap().step > paused + 5);
     stop_run(&mut window);
@@ -129,7 +129,7 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
 
-    // A mask may also become a design of its own.
+    // A mask may also become a new design.
     click(&mut window, "Show newest");
     let newest = lenslets(&window);
     click(&mut window, "Open as new design");
@@ -150,7 +150,7 @@ fn masks_of_a_run_push_no_edits_out_of_the_history() {
     click(&mut window, "End preview");
     settle(&mut window);
     menu(&mut window, &["View", "Panel", "Show History"]);
-    // At the start, at the beginning of the run, and when it was shown again.
+    // At the start, at the start of the run, and when it was shown again.
     let is_listed = |count: usize| window.query_by_label(&format!("{count} designs")).is_some();
     assert!((2..=5).any(is_listed), "there are more");
 }
@@ -177,7 +177,7 @@ fn an_edit_takes_over_from_a_run_up_a_density_model() {
     stop_run(&mut window);
     wait_for(&mut window, "the end", |window| !studio(window).session().run().unwrap().is_active());
 
-    // The design is no longer what the run started from: a mask of the run can be had as a design of its own.
+    // The design is no longer the start of the run. A mask of the run can be opened as a new design.
     click(&mut window, "Show newest");
     let newest = lenslets(&window);
     click(&mut window, "Add lenslet");
@@ -208,7 +208,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     let checkpoints = |window: &Window| studio(window).session().run().map_or(0, |run| run.checkpoints.len());
     wait_for(&mut window, "the second refit", |window| checkpoints(window) >= 2);
     assert_eq!((lenslets(&window).len(), open_lenslets(&window)), (25, before.clone()));
-    // What the run knows of its mask stands among the numbers.
+    // The bounds of the run for its mask are among the numbers.
     wait_for(&mut window, "the bounds of the run", |window| {
         window.query_all_by_label_contains("run, step").next().is_some()
     });
@@ -228,7 +228,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     let newest = lenslets(&window);
     drop(window);
 
-    // What was found is there the other day, and is asked about until it is accepted.
+    // The result is there in the next session. The window asks about it until it is accepted.
     let mut window = at_home(folder.path());
     window.get_by_label_contains("A run was interrupted");
     click(&mut window, "Optimize");
@@ -269,7 +269,7 @@ fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
     assert_eq!((&run.start.encoder, run.settings.seed), (&Encoder::Lenslets(random_layout(3, 7)), 7));
 }
 
-/// Keeps two starts in a folder, as if they had come to their end when the program was here last; their results.
+/// Stores two starts in a folder, as if they had finished in an earlier session. Returns their results.
 fn two_results_in(folder: &Path) -> Vec<RankedStart> {
     let settings = IdealSettings {
         patch: Some((6, 6)),
@@ -314,7 +314,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     let ranked = two_results_in(folder.path());
     let mut window = at_home(folder.path());
     click(&mut window, "Optimize");
-    // The run of each is there, from its start to its end.
+    // The run of each result is there, from its start to its end.
     for (place, result) in ranked.iter().enumerate() {
         click(&mut window, &format!("Result {}", place + 1));
         assert_eq!(lenslets(&window), result.design.encoder.lenslets().unwrap().lenslets);
@@ -339,11 +339,11 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     let compared = cells(&window);
     drop(window);
 
-    // It is there the other day, and goes on from there.
+    // It is there in the next session, and resumes from there.
     let mut window = at_home(folder.path());
     assert_eq!(cells(&window), compared);
 
-    // A result is accepted and saved: the other is there still, and either can go on.
+    // A result is accepted and saved. The other is still there, and either can be extended.
     click(&mut window, "Optimize");
     click(&mut window, "Result 1");
     click(&mut window, "Accept this mask");
@@ -362,7 +362,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     assert!(window.query_by_label("Extend").is_none() && window.query_by_label("Resume").is_none());
 }
 
-/// Lenslets of the open design, whatever is shown.
+/// Lenslets of the open design, even during a preview.
 fn open_lenslets(window: &Window) -> Vec<Lenslet> {
     let design = studio(window).session().open_design();
     design.encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
@@ -379,7 +379,7 @@ fn what_a_run_climbs_suits_the_objects() {
     click(&mut window, "Details");
     let offered = |window: &Window| !window.get_by_label("posterior").accesskit_node().is_disabled();
     assert!(offered(&window));
-    // The published procedure climbs a PixelCNN.
+    // The published procedure optimizes the bound of a PixelCNN.
     click(&mut window, "Preset");
     click(&mut window, "paper");
     assert!(!offered(&window));

@@ -55,7 +55,7 @@ fn wheel_zooms_around_pointer_and_double_click_resets() {
     assert!((zoom - 1.0_f64.exp()).abs() < 0.05, "five notches of 40 points: {zoom}");
     assert!(x < 40.0 && y > 50.0, "towards the pointer: {x} {y}");
     assert_eq!(pixel_told(&status_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
-    // The button is there only while there is something to go back from.
+    // The button exists only while the image is zoomed.
     click(&mut window, "Fit Object");
     assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
     assert!(window.query_by_label("Fit Object").is_none());
@@ -83,7 +83,7 @@ fn drag_and_keys_pan_zoomed_image() {
     let after = view_of(&window, "Object");
     let scale = f64::from(whole.width()) / 96.0 * zoom;
     assert!((x - after.1 - 30.0 / scale).abs() < 0.3 && (after.2 - y - 12.0 / scale).abs() < 0.3, "{after:?}");
-    // And by the keyboard alone.
+    // The same by the keyboard alone.
     window.get_by_role_and_label(Role::Image, "Object").focus();
     window.run_steps(2);
     window.key_press(Key::ArrowRight);
@@ -133,7 +133,7 @@ fn object_and_measurement_are_linked_until_unlinked() {
     click(&mut window, "Show all");
     assert_eq!((view_of(&window, "Object").0, view_of(&window, "Measurement").0), (1.0, 1.0));
     turn(&mut window, place, 6.0, Modifiers::NONE);
-    // From the object, too; beyond the field of the sensor there is nothing.
+    // The same from the object. Beyond the field of the sensor there is no value.
     click(&mut window, "Fit Object");
     assert_eq!(view_of(&window, "Measurement").0, 1.0);
     let whole = rect_of(&window, "Object");
@@ -147,7 +147,7 @@ fn object_and_measurement_are_linked_until_unlinked() {
     window.run_steps(3);
     assert!(status_of(&window, "Object").contains("outside the field"), "{}", status_of(&window, "Object"));
     assert_eq!(description(&window, "Measurement"), "");
-    // Apart, each goes its own way.
+    // Unlinked, each image zooms alone.
     click(&mut window, "Link views");
     turn(&mut window, whole.center(), 4.0, Modifiers::NONE);
     assert!(view_of(&window, "Object").0 > 1.5);
@@ -211,7 +211,7 @@ fn ctrl_wheel_zooms_the_mask() {
     assert_eq!(lenslets(&window), start, "and no lenslet");
     let moved = window.get_by_label("Lenslet 1").rect().center();
     assert!((moved - place - vec2(-40.0, 20.0)).length() < 8.0, "{moved:?} {place:?}");
-    // So does the left one while Space is held.
+    // The left button pans while Space is held.
     let space = |pressed| egui::Event::Key {
         key: Key::Space,
         physical_key: None,
@@ -227,7 +227,7 @@ fn ctrl_wheel_zooms_the_mask() {
     window.step();
     assert!(view_of(&window, "PSF").1 < after.1 - 10.0 / (scale * zoom), "{:?}", view_of(&window, "PSF"));
     let now = window.get_by_label("Lenslet 1").rect().center();
-    // Lenslets are dragged as ever, by what they are larger now.
+    // Lenslets are dragged as before, by fewer pixels at a larger scale.
     let scale = rect_of(&window, "PSF").width() / 32.0;
     drag(&mut window, now, vec2(50.0, 0.0), egui::PointerButton::Primary);
     settle(&mut window);
@@ -271,7 +271,7 @@ fn display_range_is_set_kept_and_exported() {
     assert!(number(&window, "Measurement highest value") < full, "a few bright pixels are left out");
     type_number(&mut window, "Measurement lowest value", "50");
     type_number(&mut window, "Measurement highest value", "100");
-    // The limits are handles on the histogram, too.
+    // The limits are also handles on the histogram.
     let handle = window.get_by_label("Measurement high limit").rect();
     drag(&mut window, handle.center(), vec2(-12.0, 0.0), egui::PointerButton::Primary);
     let dragged = number(&window, "Measurement highest value");
@@ -280,8 +280,7 @@ fn display_range_is_set_kept_and_exported() {
     click(&mut window, "Measurement logarithmic counts");
     click(&mut window, "Measurement display range");
     assert!(window.query_by_label("Measurement highest value").is_none());
-    // They stay for the next image, and the exported view has them: what is at most 50 is black, what is at least 100
-    // white.
+    // They stay for the next image, and the exported view has them: values up to 50 are black, values from 100 are white.
     click(&mut window, "Next measurement");
     let file = folder.path().join("view.png");
     menu(&mut window, &["File", "Export view", "Measurement..."]);
@@ -336,8 +335,8 @@ fn spectrum_is_drawn_and_exported() {
     assert_eq!(lines.next(), Some("cycles_per_px,power_photons2,noise_photons2"));
     let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect()).collect();
     assert_eq!(rows.len(), 31, "65 px have rings 2 to 32");
-    // The noise lies at the mean of this measurement; the spots of the lenslets stand out of it at low frequencies and
-    // pass nothing near half the sampling rate.
+    // The noise level lies at the mean of this measurement. The spots of the lenslets rise above it at low frequencies
+    // and transmit nothing near half the sampling rate.
     let measured = studio(&window).session().live().measurements.unwrap();
     let mean = measured.value.noisy.index_axis(ndarray::Axis(0), 0).mapv(f64::from).mean().unwrap();
     assert!((rows[0][2] / mean - 1.0).abs() < 1e-6, "{} {mean}", rows[0][2]);
@@ -362,7 +361,7 @@ fn information_is_overlaid_on_measurement() {
     window.hover_at(rect_of(&window, "Measurement").center());
     window.run_steps(3);
     window.get_by_label_contains(" bits of information");
-    // The map is that of the measurement that is shown.
+    // The map belongs to the shown measurement.
     click(&mut window, "Next measurement");
     wait_for(&mut window, "the map of the next one", |window| {
         told(window).is_some() && studio(window).session().live().closer.unwrap().key.sample == 1
@@ -389,7 +388,7 @@ fn images_have_a_context_menu() {
     click(&mut window, "Export image...");
     answer(&mut window, &file, "Export");
     assert_eq!(image::open(&file).unwrap().to_rgb8().dimensions(), (65, 65));
-    // The mask is edited where it was clicked.
+    // The mask is edited at the clicked place.
     let corner = rect_of(&window, "PSF").min + vec2(30.0, 30.0);
     drag(&mut window, corner, vec2(0.0, 0.0), egui::PointerButton::Secondary);
     click(&mut window, "Add a lenslet here");
@@ -403,7 +402,7 @@ fn images_have_a_context_menu() {
 
 #[test]
 fn long_failure_wraps_in_its_row() {
-    // More light than the model can count; the Gaussian bound knows no such limit.
+    // More light than the model can count. The Gaussian bound has no such limit.
     let design = Design { bias_photons: 1e7, noise: Noise::Read { sigma: 0.05 }, ..Design::default() };
     let mut window = open_window(design, vec2(1280.0, 800.0), Theme::Dark, true);
     let failure = "photon counts up to";

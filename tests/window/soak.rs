@@ -1,5 +1,5 @@
-//! Random input through what assistive technology sees, with live estimates and a run going on: nothing panics, nothing
-//! grows. `LENSLET_STUDIO_SOAK_MINUTES=30` makes it long and prints what it measured.
+//! Random input through assistive technology, with live estimates and an active run. Nothing panics, and memory does not
+//! grow. `LENSLET_STUDIO_SOAK_MINUTES=30` makes the test long and prints its measurements.
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -15,8 +15,8 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{Window, click, open_drawn_by, studio};
 
-/// Draws nothing and stores nothing. The default one stores every texture change until an image is requested, which
-/// would be taken for a leak of the program.
+/// A renderer that draws and stores nothing. The default one stores every texture change until an image is requested,
+/// which would look like a memory leak of the program.
 struct Unseen;
 
 impl TestRenderer for Unseen {
@@ -33,12 +33,12 @@ impl TestRenderer for Unseen {
 const LEFT_OUT: [&str; 9] =
     ["Quit", "Browse", "Export", "Save", "Open", "Import", "Start estimate", "Discard", "Recover"];
 
-/// Memory that the window may take in the course of a day, MB.
+/// Largest allowed memory growth of the window during a day, MB.
 const MOST_GROWTH: f64 = 50.0;
 /// Time until the first memory reading, and between readings.
 const WARM_UP: Duration = Duration::from_mins(2);
 const SAMPLED_EVERY: Duration = Duration::from_secs(10);
-/// Time in which memory that is no longer needed is given back.
+/// Time in which unused memory is returned.
 const REST: Duration = Duration::from_secs(5);
 /// Number of reported frames.
 const LONGEST: usize = 8;
@@ -54,7 +54,7 @@ struct Times {
     begun: Option<Instant>,
     longest: Duration,
     frames: u64,
-    /// Frames that took longer than the screen waits.
+    /// Number of frames that took longer than the refresh interval of the screen.
     late: u64,
 }
 
@@ -74,7 +74,7 @@ impl Clock {
         );
     }
 
-    /// The longest frame since this was asked last.
+    /// The longest frame since the last call.
     fn longest(&self) -> Duration {
         std::mem::take(&mut self.0.lock().unwrap().longest)
     }
@@ -87,7 +87,7 @@ fn memory() -> Option<f64> {
     Some(pages * 4096.0 / 1e6)
 }
 
-/// Memory of the window at rest, MB: no run, no estimate. While it works it may take what its work takes.
+/// Memory of the window at rest, MB: no run, no estimate. Active work may take more.
 fn memory_at_rest(window: &mut Window) -> Option<f64> {
     studio(window).set_live(false);
     studio(window).session().stop_run();
@@ -105,7 +105,7 @@ fn memory_at_rest(window: &mut Window) -> Option<f64> {
     memory()
 }
 
-/// Starts a run by its name, whatever is open.
+/// Starts a run by its name, with any panel open.
 fn start_run(window: &mut Window) {
     for _ in 0..4 {
         window.key_press(Key::Escape);
@@ -123,7 +123,7 @@ fn start_run(window: &mut Window) {
     println!("a run goes on: {}", studio(window).session().run().is_some_and(|run| run.is_active()));
 }
 
-/// A control that may be used.
+/// A control that may be pressed.
 struct Control {
     place: Pos2,
     takes_text: bool,
@@ -147,9 +147,9 @@ fn controls(window: &Window) -> Vec<Control> {
     found.collect()
 }
 
-/// Does something, and says what.
+/// Performs a random action, and returns its description.
 fn act(window: &mut Window, random: &mut ChaCha8Rng) -> String {
-    // The keyboard reaches questions for a path, too; nothing is to be written wherever a random name points.
+    // The keyboard also reaches questions for a path. No file may be written at a random name.
     if window.query_by_label("Path").is_some() {
         click(window, "Cancel");
         return "Cancel".into();
@@ -203,7 +203,7 @@ fn act(window: &mut Window, random: &mut ChaCha8Rng) -> String {
             window.drag_at(place);
             window.drop_at(place);
             window.step();
-            // What is out of sight has a place, too, and something else may lie there that asks for a path.
+            // Hidden controls have a place too, where another control may ask for a path.
             if *takes_text && window.query_by_label("Path").is_none() {
                 let typed = ["", "0", "-3", "0.05", "12.5", "1e9", "nonsense", "\u{3b1}"].choose(random).unwrap();
                 window.key_press_modifiers(Modifiers::COMMAND, Key::A);
@@ -236,7 +236,7 @@ fn random_input_does_not_break_the_window() {
             break;
         }
         let what = act(&mut window, &mut random);
-        // One frame for every key that goes down or up.
+        // One frame for every key press or release.
         window.step();
         longest.push((clock.longest().as_millis(), what));
         longest.sort_by(|one, other| other.cmp(one));

@@ -1,4 +1,4 @@
-//! Long work in a list, numbers that can be repeated, and arrangements of the window.
+//! Lists of long jobs, reproducible numbers, and layouts of the window.
 
 use std::process::{Command, Stdio};
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use super::estimates::wait_for;
 use super::home::at_home;
 use super::*;
 
-/// Clicks and returns what was put into the clipboard.
+/// Clicks and returns the text in the clipboard.
 fn copied(window: &mut Window, name: &str) -> String {
     if window.query_by_label(name).is_none() {
         click(window, "More of the numbers");
@@ -22,7 +22,7 @@ fn copied(window: &mut Window, name: &str) -> String {
         let commands = &window.output().platform_output.commands;
         if let Some(OutputCommand::CopyText(text)) = commands.first() {
             let text = text.clone();
-            // The menu goes away.
+            // The menu closes.
             window.run_steps(4);
             return text;
         }
@@ -30,7 +30,7 @@ fn copied(window: &mut Window, name: &str) -> String {
     panic!("{name}: nothing was copied");
 }
 
-/// What a command line of the window prints, run by a shell in another folder.
+/// Output of a command line from the window, run by a shell in another folder.
 #[cfg(unix)]
 fn run_line(line: &str) -> serde_json::Value {
     let folder = tempfile::tempdir().unwrap();
@@ -58,7 +58,7 @@ fn states(window: &Window) -> Vec<ActivityState> {
 #[test]
 #[cfg(unix)]
 fn copied_commands_reproduce_numbers_bit_for_bit() {
-    // A mask that no flag names, so that the whole design comes along.
+    // A mask that no flag names, so the command includes the whole design.
     let design =
         Design { encoder: Encoder::Lenslets(lenslet_studio::optics::random_layout(3, 5)), ..Design::default() };
     let mut window = open(design);
@@ -95,7 +95,7 @@ fn stale_numbers_are_marked_and_not_exported() {
         let mut meters = window.query_all_by_label_contains("Sensor Tamura").map(label);
         meters.any(|meter| meter.ends_with(", of an earlier edit"))
     };
-    // A PSF that is larger than the objects has no measurement.
+    // A PSF larger than the objects has no measurement.
     let file = folder.path().join("large.npy");
     lenslet_studio::formats::write_array(&file, ndarray::Array2::<f32>::ones((128, 128)).view()).unwrap();
     click(&mut window, "File");
@@ -222,7 +222,7 @@ fn closing_asks_while_jobs_run() {
     click(&mut window, "Cancel");
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "its end", |window| states(window) == [ActivityState::Stopped]);
-    // Closing asks about a run, too, which continues meanwhile.
+    // Closing also asks about a run, which continues meanwhile.
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     close(&mut window);
@@ -283,7 +283,7 @@ fn layouts_are_saved_and_panels_maximize() {
     window.run_steps(4);
     assert!(window.get_by_role_and_label(Role::Image, "Measurement").rect().width() > 1.5 * before);
     assert!(window.query_by_label("Lenslet 1").is_none());
-    // What is in front is closed first.
+    // The dialog in front closes first.
     window.key_press(Key::F1);
     window.run_steps(4);
     window.get_by_label("Select in a box; with Shift, add to the selection");
@@ -294,7 +294,7 @@ fn layouts_are_saved_and_panels_maximize() {
     window.key_press(Key::Escape);
     window.run_steps(4);
     window.get_by_label("Lenslet 1");
-    // The other day the layout is still there.
+    // In the next session the layout is still there.
     drop(window);
     let mut window = at_home(folder.path());
     menu(&mut window, &["View", "Layout", "Reset layout"]);
@@ -319,7 +319,7 @@ fn shortcuts_of_one_frame_run_in_order() {
     assert_eq!(lenslets(&window).len(), 12);
     press(&mut window, &[Key::Z, Key::Z]);
     assert_eq!(lenslets(&window).len(), 10);
-    // What the palette is asked is not for the window any more.
+    // Keys typed into the palette do not reach the window.
     press(&mut window, &[Key::D, Key::K, Key::Z]);
     window.get_by_label("Snapshot taken: Design 1");
     window.get_by_label("Find an action");
@@ -347,7 +347,7 @@ fn snapshots_are_restored_in_next_session() {
     menu(&mut window, &["View", "Panel", "Show Compare"]);
     window.get_by_label("PSF of Design 1");
     window.get_by_label(&format!("\u{2264} {bound:.3}"));
-    // Measurements are not stored, and simulated again for compared snapshots.
+    // Measurements are not stored. They are simulated again for compared snapshots.
     for name in ["A is snapshot 1", "B is snapshot 2", "Compare Measurement", "Show difference"] {
         click(&mut window, name);
     }
@@ -375,7 +375,7 @@ fn panel_is_exported_as_image() {
             _ => None,
         });
         if let Some(callback) = command {
-            // What a real window would answer.
+            // The answer of a real window.
             callback.complete(Arc::new(ColorImage::filled([1280, 800], Color32::from_rgb(10, 20, 30))));
             taken = true;
             break;

@@ -262,7 +262,7 @@ impl State {
             Command::AddLenslet(_) => self.selection = self.lenslet_count().checked_sub(1).into_iter().collect(),
             Command::DeleteLenslets(_) | Command::ReplaceEncoder { .. } | Command::ReplaceDesign { .. } => {
                 self.selection.clear();
-                self.drag = None; // what it holds by their indices are others now
+                self.drag = None; // its indices now belong to other lenslets
             }
             _ => {}
         }

@@ -1,28 +1,28 @@
-//! What can be wrong with a study.
+//! Errors of a study.
 
 use thiserror::Error;
 
 use lenslet_studio::information::InformationError;
 
-/// Why a study could not be made.
+/// Reason why a study could not be made.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum StudyError {
-    /// A setting is outside what the study can do.
+    /// A setting is outside the range of the study.
     #[error("{what} must be {expected}, found {found}; change it")]
     Setting {
         /// The setting, with its unit.
         what: &'static str,
-        /// What it must be.
+        /// Its range.
         expected: &'static str,
         /// The value given.
         found: f64,
     },
-    /// The estimate.
+    /// The estimate failed.
     #[error(transparent)]
     Information(#[from] InformationError),
 }
 
-/// Refuses a setting that is not within its limits; what is not a number is within none.
+/// Refuses a setting outside its limits. NaN is outside all limits.
 pub fn check(
     what: &'static str,
     expected: &'static str,

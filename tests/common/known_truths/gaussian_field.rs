@@ -10,8 +10,8 @@ use lenslet_studio::information::log2_determinant;
 
 /// A stationary Gaussian field with read noise: white noise under a Gaussian filter.
 ///
-/// With the filter's autocorrelation C as covariance of the clean patch and n pixels, the information per pixel is
-/// `log2 det(I + C / sigma^2) / (2 n)`.
+/// The covariance of the clean patch is the filter's autocorrelation C. With n pixels, the information per pixel is `log2
+/// det(I + C / sigma^2) / (2 n)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaussianField {
     /// Side of a patch, px.
@@ -42,7 +42,7 @@ impl GaussianField {
 
     /// Samples of the filter along one axis; their squares sum to 1.
     fn filter(&self) -> Vec<f64> {
-        // A Gaussian's autocorrelation is wider than itself by the square root of 2.
+        // The autocorrelation of a Gaussian is wider by the square root of 2.
         let width = self.correlation_px / std::f64::consts::SQRT_2;
         let radius = (4.0 * width).ceil() as i32;
         let sample = |i: i32| if i == 0 { 1.0 } else { (-0.5 * (f64::from(i) / width).powi(2)).exp() };
@@ -108,7 +108,7 @@ mod tests {
             let found = covariance(at, [at[0] + lag[0], at[1] + lag[1]]);
             let square = (lag[0] * lag[0] + lag[1] * lag[1]) as f64;
             let expected = 36.0 * (-0.5 * square / 4.0).exp();
-            // Standard error of a covariance of unit normal numbers: at most sqrt(2 / n).
+            // Standard error of a covariance of standard normal numbers: at most sqrt(2 / n).
             assert!((found - expected).abs() < 4.0 * 36.0 * (2.0_f64 / 4000.0).sqrt(), "{lag:?}: {found} {expected}");
         }
         let noise = (&noisy - &clean).mapv(f64::from);

@@ -1,4 +1,4 @@
-//! Random patches whose true information is known: what an estimator says can be held against what is true.
+//! Random patches of known information, against which estimators are tested.
 
 mod error;
 mod gaussian_field;
@@ -20,15 +20,14 @@ use error::{StudyError, check};
 use lenslet_studio::information::InformationError;
 use lenslet_studio::sensor::Noise;
 
-/// First random stream of clean patches; the noise takes those from 0 on.
+/// First random stream of clean patches. The noise uses the streams from 0 on.
 const CLEAN_STREAM: u64 = 1 << 40;
 /// Largest side of a patch, px.
 const LARGEST_SIDE: usize = 90;
-/// Most pixels of one draw: 4 GiB.
+/// Largest number of pixels of one draw: 4 GiB.
 const MOST_PIXELS: usize = 1 << 30;
 
-/// Random patches of which the mutual information between clean and noisy ones is known. Patches are independent of one
-/// another.
+/// Random patches with known mutual information between clean and noisy patches. Patches are independent of one another.
 ///
 /// ```
 /// use lenslet_studio::studies::{KnownTruth, TwoRates};
@@ -37,7 +36,7 @@ const MOST_PIXELS: usize = 1 << 30;
 /// let truth = study.information(1)?;
 /// let (clean, noisy) = study.draw(100, 2)?;
 /// assert_eq!(clean.dim(), noisy.dim());
-/// // A pixel of two equally sharp answers tells at most the entropy of the question.
+/// // A noiseless pixel of two equally probable values would give at most the entropy of the values.
 /// assert!(truth.bits_per_pixel > 0.8 && truth.bits_per_pixel < 0.8813);
 /// # Ok::<(), lenslet_studio::studies::StudyError>(())
 /// ```
@@ -51,7 +50,7 @@ pub enum KnownTruth {
     TwoRates(TwoRates),
 }
 
-/// The truth about a study, bits per pixel.
+/// The true information of a study, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrueInformation {
     /// Mutual information between clean and noisy patch, divided by the pixels of a patch.
@@ -61,7 +60,7 @@ pub struct TrueInformation {
 }
 
 impl KnownTruth {
-    /// The three studies at settings where the information is a good part of a bit, or for the bead of its place.
+    /// The three studies with default settings. The information is a good part of a bit, or for the bead of its place.
     pub fn standard() -> [Self; 3] {
         [
             Self::GaussianField(GaussianField::default()),
@@ -72,10 +71,10 @@ impl KnownTruth {
 
     /// Clean and noisy patches, photons per pixel, each of shape (count, side, side).
     ///
-    /// Patch i depends on i and the seed alone.
+    /// Patch i depends only on i and the seed.
     ///
     /// # Errors
-    /// [`StudyError`] for settings outside their limits, or more patches than memory should hold.
+    /// [`StudyError`] for settings outside their limits, or more patches than memory holds.
     pub fn draw(&self, count: usize, seed: u64) -> Result<(Array3<f32>, Array3<f32>), StudyError> {
         self.check()?;
         let (rows, cols) = self.patch();
@@ -93,7 +92,7 @@ impl KnownTruth {
         Ok((clean, noisy))
     }
 
-    /// The mutual information between a clean and a noisy patch; `seed` is that of the sample where one is needed.
+    /// Mutual information between a clean and a noisy patch. `seed` is the seed of the sample, where one is needed.
     ///
     /// # Errors
     /// [`StudyError`] for settings outside their limits.

@@ -8,15 +8,15 @@ use rayon::prelude::*;
 use super::{CLEAN_STREAM, StudyError, TrueInformation, check};
 use lenslet_studio::sensor::Noise;
 
-/// Patches that the information is averaged over.
+/// Number of patches that the information is averaged over.
 const SAMPLES: usize = 8192;
 
-/// One bead at a place drawn uniformly from all pixels from which it touches the patch, over a background, with shot
-/// noise. The bead is a Gaussian spot that ends at three widths.
+/// One bead over a background, with shot noise. Its place is uniform over all pixels from which it touches the patch. The
+/// bead is a Gaussian spot that ends at three widths.
 ///
-/// The counts leave every place s its log-likelihood ratio against the background, `L_s = sum_j [y_j ln(1 + q_sj / b) -
-/// q_sj]`; with N places the information of a patch is `E[log2(exp(L_true) / (1/N sum_s exp(L_s)))]`: exact for each
-/// patch, and averaged over 8192 of them.
+/// The counts give every place s its log-likelihood ratio against the background, `L_s = sum_j [y_j ln(1 + q_sj / b) -
+/// q_sj]`. With N places the information of a patch is `E[log2(exp(L_true) / (1/N sum_s exp(L_s)))]`. It is exact for
+/// each patch, and averaged over 8192 of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OneBead {
     /// Side of a patch, px.
@@ -57,10 +57,10 @@ impl OneBead {
         self.side_px + self.spot().nrows() - 1
     }
 
-    /// The clean patch with the bead's last spot pixel on patch pixel (row, col) `last`, or as much beyond.
+    /// The clean patch with the bead's last spot pixel on patch pixel (row, col) `last`, or beyond the patch.
     fn patch_of(&self, last: (usize, usize), spot: &Array2<f64>) -> Array2<f32> {
         let (side, length) = (self.side_px, spot.nrows());
-        // The bead lies in a field that is wider than the patch by the spot on all sides.
+        // The bead lies in a field that exceeds the patch by the spot on all sides.
         let mut field = Array2::from_elem((side + 2 * (length - 1), side + 2 * (length - 1)), self.bias);
         let mut lit = field.slice_mut(s![last.0..last.0 + length, last.1..last.1 + length]);
         lit += spot;
@@ -78,7 +78,7 @@ impl OneBead {
 
     pub(super) fn information(&self, seed: u64) -> TrueInformation {
         let (places, spot) = (self.places(), self.spot());
-        // The mean in f32, as drawn, so that the likelihood is that of the very patches.
+        // The mean is in f32, as drawn, so that the likelihood belongs to exactly these patches.
         let scenes: Vec<(Vec<f64>, f64)> = (0..places * places)
             .map(|index| {
                 let clean = self.patch_of((index / places, index % places), &spot).mapv(f64::from);

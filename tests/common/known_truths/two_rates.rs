@@ -9,8 +9,8 @@ use lenslet_studio::information::poisson_entropy;
 
 /// Independent pixels, each of one of two brightnesses, with shot noise.
 ///
-/// The information per pixel is the entropy of the mixture of two Poisson distributions, summed over all counts, less
-/// the mean of their entropies.
+/// The information per pixel is the entropy of the mixture of two Poisson distributions, summed over all counts, less the
+/// mean of their entropies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TwoRates {
     /// Side of a patch, px.
@@ -45,7 +45,7 @@ impl TwoRates {
     pub(super) fn bits_per_pixel(&self) -> f64 {
         let weights = [1.0 - self.probability, self.probability];
         let largest = self.rates[0].max(self.rates[1]);
-        // In logarithms: the probability of 0 counts is beyond an f64 from 745 photons on.
+        // In logarithms: from 745 photons on, the probability of 0 counts underflows an f64.
         let mut logarithms = self.rates.map(|rate| -rate);
         let mut entropy = 0.0;
         for count in 0..(largest + 12.0 * largest.sqrt() + 40.0) as u32 {
@@ -75,7 +75,7 @@ mod tests {
         assert!(bits([30.0, 30.0], 0.3).abs() < 1e-9);
         assert!(bits([20.0, 60.0], 1.0).abs() < 1e-9);
         let dark = bits([0.0, 2.0], 0.5);
-        // A Z channel: a count above 0 gives the second rate away.
+        // A Z channel: a count above 0 identifies the second rate.
         let none = 0.5 * (1.0 + (-2.0_f64).exp());
         let expected = 1.0 - none * binary_entropy(0.5 / none);
         assert!((dark - expected).abs() < 1e-12, "{dark} {expected}");

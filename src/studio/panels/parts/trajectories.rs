@@ -47,8 +47,8 @@ fn way<'a>(
     // A relocated lenslet starts a new trajectory.
     let relocated = |event: &IdealEvent| match *event {
         IdealEvent::Relocated { step, lenslet } if lenslet == index && !given_up(step) => {
-            // Where a finished run was resumed, two checkpoints have the same step, and the later one counts. It may not
-            // exist yet.
+            // Where a finished run was resumed, two checkpoints have the same step. The later one follows the relocation;
+            // it may not exist yet.
             let at = checkpoints.iter().rposition(|checkpoint| checkpoint.step == step).unwrap_or(checkpoints.len());
             (at < before.len() || shown.is_none()).then_some(at)
         }
