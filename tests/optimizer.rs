@@ -171,7 +171,7 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let (rows, cols) = (channel.spot.dim().1, channel.spot.dim().2);
     let sites = ((8 + rows - 1) * (8 + cols - 1)) as f64;
     assert!(last.interval_95[1] < sites / 64.0 * binary_entropy(0.03), "{last:?}");
-    // There are no further bounds beside a bound, and no density model.
+    // A run on the lower bound has no further lower bounds, and no density model.
     assert!(
         ideal.state().checkpoints.iter().all(|checkpoint| checkpoint.lower.is_none())
             && ideal.density_model().is_none()

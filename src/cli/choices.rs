@@ -223,7 +223,7 @@ const MOST_PATCHES: usize = 1_000_000;
 /// Initial weights by the names of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum InitChoice {
-    /// Weights that come with the program.
+    /// Pretrained weights, included in the program.
     Pretrained,
     /// Random weights (cold start).
     Random,

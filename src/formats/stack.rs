@@ -85,7 +85,7 @@ impl Axes {
             Some(axis) => Some(axis.index(shape.len()).ok_or("correct the number behind ?axis=")?),
             None => None,
         };
-        // Axes of length 1 are dropped, the last one first where that gives an image.
+        // Axes of length 1 are dropped. Of three axes it is the last one, so that an image remains.
         let mut axes: Vec<usize> = (0..shape.len()).collect();
         while axes.len() > 3
             && let Some(layer) = axes.iter().position(|&axis| shape[axis] == 1 && Some(axis) != chosen)

@@ -154,8 +154,8 @@ fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Description of how images are changed to fit the field; `None` where they fit unchanged. Images larger than half the
-/// field are changed, and small ones among them.
+/// Description of how images are changed to fit the field; `None` where they fit unchanged. It applies to images larger
+/// than half the field, and to small ones among such images.
 fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
     let (crop_rows, crop_cols) = crop(stack, (rows, cols));
     let cropped = (crop_rows, crop_cols) != (stack.rows, stack.cols);

@@ -387,8 +387,8 @@ impl ObjectSet {
         self.mean
     }
 
-    /// Autocovariance of one plane of the objects of a split, as a stationary process, photons squared. The shape is (2 L
-    /// + 1, 2 L + 1) for `max_lag` L. Element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
+    /// Autocovariance of one plane of the objects of a split, as a stationary process, photons squared. For `max_lag` L
+    /// the shape is `(2 L + 1, 2 L + 1)`. Element `[L + dr, L + dc]` belongs to a lag of `dr` rows and `dc` columns.
     ///
     /// - Beads: `p (1 - p)` times the autocorrelation of the spot. The border is neglected. So is the correlation
     ///   of `-1 / (number of pixels)` that a fixed number of beads causes.

@@ -330,7 +330,7 @@ fn an_earlier_result_survives_a_failure() {
     std::fs::create_dir(bench.path("out/noiseless.npy")).unwrap();
     assert_told(&bench.refused("simulate --count 2 --seed 2 --out out"), &["out/noiseless.npy", "a folder or device"]);
     assert!(read() == before);
-    // Nor does a failure at the last file.
+    // A failure at the last file changes nothing either.
     std::fs::remove_dir(bench.path("out/noiseless.npy")).unwrap();
     std::fs::remove_file(bench.path("out/design.json")).unwrap();
     std::fs::create_dir(bench.path("out/design.json")).unwrap();

@@ -19,8 +19,8 @@ pub fn show(ui: &mut Ui, state: &mut State) {
     let frame = egui::Frame::new().fill(fill).inner_margin(egui::Margin::symmetric(8, 4));
     egui::Panel::top("run strip").frame(frame).show(ui, |ui| {
         ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-            // In a narrow window the Edit menu has the third action; without that action the other button can do the
-            // same.
+            // In a narrow window only the Edit menu opens the mask as a new design. Where the design has changed,
+            // *Accept* opens a new design itself.
             let has_room = ui.available_width() > ROOM && state.session.can_accept();
             let actions = [Action::EndPreview, Action::Accept].into_iter().chain(has_room.then_some(Action::OpenMask));
             for action in actions {

@@ -60,7 +60,8 @@ pub struct TrueInformation {
 }
 
 impl KnownTruth {
-    /// The three studies with default settings. The information is a good part of a bit, or for the bead of its place.
+    /// The three studies with default settings. The information is a good part of a bit; for the bead, a good part of
+    /// that of its place.
     pub fn standard() -> [Self; 3] {
         [
             Self::GaussianField(GaussianField::default()),
