@@ -54,7 +54,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         }
         Action::StopRun => state.session.stop_run(),
         Action::Accept => {
-            // The shown mask is accepted, even if the run has advanced.
+            // Accepts the shown mask, even if the run has advanced.
             state.session.follow_run(false);
             if !state.session.accept() {
                 state.request_transition(ctx, Transition::Accept);
@@ -108,7 +108,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
     }
 }
 
-/// Puts a preset mask in place.
+/// Replaces the mask by a preset.
 fn put(preset: Preset, state: &mut State) {
     let seed = state.session.design().seed;
     let (name, encoder) = match preset {

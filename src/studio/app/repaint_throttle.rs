@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 
 /// Shortest and longest time between two frames that background results request.
 const EVERY: (Duration, Duration) = (Duration::from_millis(16), Duration::from_millis(80));
-/// Frame interval over drawing time; the rest of the time is left to computations. Software rendering needs several times as
-/// long as the thread of the window.
+/// Ratio of frame interval to drawing time; computations get the rest of the time. Software rendering takes several times
+/// as long as the thread of the window.
 const SPARE: f32 = 7.0;
 /// Weight of the last frame in the mean time of a frame.
 const NEWEST: f32 = 0.2;
@@ -23,7 +23,7 @@ struct Frames {
 }
 
 impl RepaintThrottle {
-    /// Notes that a frame is drawn now, and the drawing time of the previous one, seconds.
+    /// Records that a frame is drawn now, and the drawing time of the previous one, seconds.
     pub fn drawn(&self, seconds: f32) {
         let mut frames = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         frames.last = Some(Instant::now());

@@ -46,8 +46,9 @@ pub enum WindowError {
     },
 }
 
-/// Opens the window with a design and returns when it is closed. It is drawn by `renderer`, or else by that of the
-/// preferences; if that does not start, by the other, with a message. `reset` resets layout and preferences first.
+/// Opens the window with a design and returns when it is closed. `renderer` draws it, or else the renderer of the
+/// preferences. If that one does not start, the other one is used, with a message. `reset` resets layout and preferences
+/// first.
 ///
 /// # Errors
 /// [`WindowError`] if neither renderer starts or the open window is lost.

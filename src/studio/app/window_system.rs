@@ -1,7 +1,7 @@
 //! The window system: Wayland or X11.
 //!
-//! `WAYLAND_DISPLAY` may outlive its session. winit trusts the variable and makes one attempt per process, so the
-//! compositor is asked before.
+//! `WAYLAND_DISPLAY` may outlive its session. winit trusts the variable and makes one attempt per process. So the
+//! compositor is queried first.
 
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -27,7 +27,7 @@ impl WindowSystem {
     pub fn of_environment() -> Self {
         let named = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
         let Some(wayland) = named("WAYLAND_DISPLAY").filter(|_| named("WAYLAND_SOCKET").is_none()) else {
-            // The compositor itself hands over an open socket.
+            // A compositor can pass an open socket itself.
             return if named("WAYLAND_SOCKET").is_some() { Self::Wayland } else { Self::X11 };
         };
         let socket = socket_of(Path::new(&wayland), named("XDG_RUNTIME_DIR").map(PathBuf::from).as_deref());
@@ -38,7 +38,7 @@ impl WindowSystem {
         }
     }
 
-    /// Makes winit use it.
+    /// Makes winit use this window system.
     pub fn choose<T: 'static>(&self, builder: &mut winit::event_loop::EventLoopBuilder<T>) {
         use winit::platform::wayland::EventLoopBuilderExtWayland;
         use winit::platform::x11::EventLoopBuilderExtX11;
@@ -59,7 +59,7 @@ impl WindowSystem {
     }
 }
 
-/// Socket of a Wayland display; none if the folder of the sockets is unknown.
+/// Socket of a Wayland display; `None` if the folder of the sockets is unknown.
 fn socket_of(display: &Path, runtime: Option<&Path>) -> Option<PathBuf> {
     if display.is_absolute() { Some(display.to_owned()) } else { Some(runtime?.join(display)) }
 }
@@ -75,7 +75,7 @@ fn answers(socket: &Path, patience: Duration) -> io::Result<()> {
     // The request 0 of the display, whose argument is the new callback.
     let request = [DISPLAY, BYTES << 16, CALLBACK].map(u32::to_ne_bytes);
     stream.write_all(request.as_flattened())?;
-    // Any event will do: its object and its length.
+    // Any event suffices: its object and its length.
     stream.read_exact(&mut [0; 8])
 }
 
@@ -93,7 +93,7 @@ mod tests {
         std::fs::write(&socket, b"").unwrap();
         assert!(answers(&socket, PATIENCE).is_err(), "it is no socket");
         std::fs::remove_file(&socket).unwrap();
-        // A compositor that was killed leaves its socket behind.
+        // A killed compositor leaves its socket.
         drop(UnixListener::bind(&socket).unwrap());
         assert!(socket.exists() && answers(&socket, PATIENCE).is_err());
         std::fs::remove_file(&socket).unwrap();
@@ -101,9 +101,9 @@ mod tests {
         let listener = UnixListener::bind(&socket).unwrap();
         assert!(answers(&socket, Duration::from_millis(1)).is_err(), "it is silent");
         let server = std::thread::Builder::new().name("compositor".into()).spawn(move || {
-            // The first caller has given up.
+            // The first client has timed out.
             drop(listener.accept().unwrap());
-            // The next is sent away, the last is answered.
+            // The next client is disconnected, the last one gets an answer.
             drop(listener.accept().unwrap());
             let (mut stream, _) = listener.accept().unwrap();
             let mut request = [0; 12];
