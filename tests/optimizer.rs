@@ -404,6 +404,6 @@ fn a_run_that_ends_above_the_ceiling_says_so() {
         run_ideal(design, settings, None, &reading, &mut |_| Ok(()), &mut { go_on }).unwrap().notices
     };
     let sparse = notices(&design("beads:0.008"), &settings);
-    assert!(sparse.len() == 1 && sparse[0].contains("above what the objects hold"), "{sparse:?}");
+    assert!(sparse.len() == 1 && sparse[0].contains("above the object-entropy bound"), "{sparse:?}");
     assert!(notices(&design("beads:0.11"), &settings).is_empty());
 }

@@ -331,7 +331,7 @@ impl IdealSettings {
             Objective::Posterior => "Posterior",
         };
         format!(
-            "IdealSettings {{ preset: {preset}, objective: {objective}, steps: 0, objects: {:?}, patches: {:?}, substeps: {:?}, \
+            "IdealSettings {{ preset: {preset}, objective: {objective}, steps: 0, objects: {:?}, patches: {:?}, moves: {:?}, \
              patch: {:?}, refit_every: {:?}, first_fit: {:?}, refit: {:?}, last_fit: {:?}, warm: {:?}, tried: {:?}, rates: \
              Rates {{ position: {position:?}, variance: {variance:?}, weight: {weight:?}, relative_weight: \
              {relative_weight:?} }}, settle: {:?}, free: Free {{ positions: {positions:?}, widths: {widths:?}, weights: \

@@ -349,7 +349,7 @@ mod tests {
             (told(&|grid| grid.designs.push(StudyDesign::heuristic(4))), "heuristic:4 twice"),
             (told(&|grid| grid.objects.clear()), "objects: expected each once, found none"),
             (told(&|grid| grid.patches = vec![None, None]), "sensor twice"),
-            (told(&|grid| grid.budget_seconds = None), "a time for live"),
+            (told(&|grid| grid.budget_seconds = None), "a time for causal"),
             (told(&|grid| grid.budget_seconds = Some(f64::NAN)), "above 0 s"),
             (told(&|grid| grid.estimator = Estimator::GaussianStationary), "found 60 s"),
             (told(&|grid| grid.noise = Noise::None), "without noise"),

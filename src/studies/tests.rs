@@ -269,7 +269,7 @@ fn estimates_are_compared_with_published_ones() {
         "- beads:0.02: rank correlation with the published order of 2 designs -1.00",
         "- 2 of 4 estimates above the ceiling",
         "- computed on ",
-        "Estimator live, 60 s for each cell; shot noise",
+        "Estimator causal, 60 s for each cell; shot noise",
     ] {
         assert!(text.contains(part), "{part} in {text}");
     }

@@ -367,7 +367,7 @@ fn invalid_settings_are_refused() {
     };
     refused(&fit(0, 5), "groups");
     refused(&AisSettings { particles: 0, ..fit(1, 5) }, "particles");
-    refused(&fit(1, 0), "levels");
+    refused(&fit(1, 0), "temperatures");
     refused(&AisSettings { samples: 1, ..fit(1, 5) }, "two samples");
     let none = ais_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
         ControlFlow::Continue(())

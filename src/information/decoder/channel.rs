@@ -125,7 +125,7 @@ mod tests {
         refused(&|c| c.probability = f64::NAN, "between 0 and 1");
         refused(&|c| c.patch = (0, 3), "0 x 3");
         refused(&|c| c.patch = (usize::MAX, 2), "cannot be modelled");
-        refused(&|c| c.patch = (512, 512), "object pixels touch the patch");
+        refused(&|c| c.patch = (512, 512), "object pixels reach the patch");
         refused(&|c| c.noise = Noise::None, "without noise");
         refused(&|c| c.noise = Noise::Read { sigma: -1.0 }, "read noise");
         refused(&|c| c.spot.fill(0.0), "no photons");
