@@ -76,7 +76,7 @@ fn sample_controls(ui: &mut Ui, state: &mut State, what: &str) {
     if next.clicked() {
         state.sample = (state.sample + 1) % count;
     }
-    let random = ui.add_enabled(count > 1, egui::Button::new("Random").small()).on_hover_text("Random sample");
+    let random = ui.add_enabled(count > 1, egui::Button::new("Any").small()).on_hover_text("Show a random sample");
     name_widget(&random, &format!("Random {what}"));
     if random.clicked() {
         let mut random = ChaCha8Rng::seed_from_u64(ui.ctx().cumulative_frame_nr());
