@@ -248,7 +248,7 @@ fn run_is_listed_among_jobs_and_reproducible() {
     });
     click(&mut window, "More of the run");
     let line = copied(&mut window, "Copy command of run");
-    assert!(line.starts_with("lenslet-studio design --start heuristic:9") && line.contains("--steps 10"), "{line}");
+    assert!(line.starts_with("lenslet-studio optimize --start heuristic:9") && line.contains("--steps 10"), "{line}");
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("run.json");
     click(&mut window, "More of the run");
