@@ -5,7 +5,7 @@
 //! in bits per pixel. [`prelude`] holds the items that most programs need.
 //!
 //! # The house
-//! Modules stand on floors and import only from floors below their own (`tests/architecture.rs` reads the imports):
+//! Modules stand on floors and import only from floors below their own (`tests/architecture` reads the imports):
 //!
 //! | floor | modules | hold |
 //! |---|---|---|

@@ -76,7 +76,7 @@ impl Arguments {
     fn reproduce_run(&self, recorded: &IdealRecord) -> Result<(), Failure> {
         let parts = recorded
             .parts()
-            .map_err(|told| anyhow!("{}: {told}, which cannot be reproduced", self.record.display()))?;
+            .map_err(|reason| anyhow!("{}: {reason}, which cannot be reproduced", self.record.display()))?;
         // Reported first: the run may take hours.
         for note in recorded.differences_here() {
             output::report(format_args!("{}: {note}", self.record.display()));

@@ -10,6 +10,7 @@ mod observer;
 mod optimizer;
 mod projection;
 mod settings;
+mod settings_identity;
 mod state;
 
 pub use config::SettingsFile;

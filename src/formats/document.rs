@@ -140,14 +140,6 @@ impl DocumentKind {
         complete_json(path, &self.marked(content))
     }
 
-    /// The document as a value, for comparison or assembly before it is written.
-    ///
-    /// # Errors
-    /// Where the content has no JSON form.
-    pub fn value(&self, content: &impl Serialize) -> serde_json::Result<Value> {
-        serde_json::to_value(self.marked(content))
-    }
-
     /// The document with its two format entries, as written.
     pub fn marked<'a>(&'a self, content: &'a impl Serialize) -> impl Serialize + 'a {
         Marked { format: self.format, format_version: self.version, content }

@@ -163,23 +163,12 @@ mod tests {
 
     use super::*;
     use crate::design::Objective;
-    use crate::evaluation::WeightsFiles;
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
 
     fn request(model: DensityModel) -> EstimateRequest {
-        EstimateRequest {
-            model,
-            protocol: Protocol::Default,
-            patch: Some((32, 32)),
-            patches_train: 10_000,
-            patches_test: 1_500,
-            fresh: false,
-            trials: 1,
-            keep: None,
-            weights: WeightsFiles::default(),
-        }
+        EstimateRequest { model, ..EstimateRequest::default() }
     }
 
     #[test]
