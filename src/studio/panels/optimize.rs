@@ -30,7 +30,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         }
         let Some(run) = &run else {
             ui.weak(
-                "Lenslets move, merge, fade and sharpen while the information of their measurements climbs. The mask of \
+                "Lenslets move, merge, fade and sharpen while the information of their measurements increases. The mask of \
                  the run is shown in place of your design, which stays as it is until you accept one.",
             );
             return;
