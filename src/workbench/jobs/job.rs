@@ -215,9 +215,9 @@ impl Outcome {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
             Self::ObjectsOpened { source, understood: Some(understood), .. } => {
-                format!("ForwardModel {source}: {understood}")
+                format!("Opened {source}: {understood}")
             }
-            Self::ObjectsOpened { source, .. } => format!("ForwardModel {source}"),
+            Self::ObjectsOpened { source, .. } => format!("Opened {source}"),
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
