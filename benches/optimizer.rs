@@ -45,10 +45,10 @@ fn beads() -> ObjectSet {
 
 fn up_a_density_model(criterion: &mut Criterion) {
     let set = beads();
-    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).expect("optics");
     let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
-    let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    let mut ideal = IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).expect("a run");
     ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
     let draw = GradientDraw { split: Split::Train, objects: settings.objects, patches: settings.patches, seed: 1 };
     let shapes = causal_shapes();
@@ -57,22 +57,22 @@ fn up_a_density_model(criterion: &mut Criterion) {
     group.bench_function("gradient of a step", |bencher| {
         bencher.iter(|| {
             let model = ideal.density_model().expect("a density model");
-            imaging.gradient(&start, &draw, model.patch(), model).expect("a gradient")
+            forward.gradient(&start, &draw, model.patch(), model).expect("a gradient")
         });
     });
     let objects = set.objects(Split::Train, settings.objects, 1).expect("objects");
-    let shape = imaging.plan().measurement_shape();
+    let shape = forward.plan().measurement_shape();
     let patches = Patches::draw((settings.objects, shape.0, shape.1), (32, 32), settings.patches, 1).expect("patches");
     group.bench_function("optics forward", |bencher| {
         bencher.iter(|| {
             let psf = render_psf(&start, 1).expect("a PSF");
-            let convolver = imaging.convolver(psf.view()).expect("optics");
-            let encoded = convolver.measure(objects.view(), imaging.bias).expect("measurements");
+            let convolver = forward.convolver(psf.view()).expect("optics");
+            let encoded = convolver.measure(objects.view(), forward.bias).expect("measurements");
             patches.cut(encoded.view())
         });
     });
     let psf = render_psf(&start, 1).expect("a PSF");
-    let convolver = imaging.convolver(psf.view()).expect("optics");
+    let convolver = forward.convolver(psf.view()).expect("optics");
     let by_encoded = Array3::from_elem((settings.objects, shape.0, shape.1), 1e-3);
     group.bench_function("optics backward", |bencher| {
         bencher.iter(|| {
@@ -80,7 +80,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
             psf_gradient(&start, by_psf.view()).expect("a gradient")
         });
     });
-    let clean = patches.cut(convolver.measure(objects.view(), imaging.bias).expect("measurements").view());
+    let clean = patches.cut(convolver.measure(objects.view(), forward.bias).expect("measurements").view());
     // Any noise takes as long.
     let normals = Array3::from_shape_fn(clean.dim(), |(n, r, c)| ((n * 7 + r * 5 + c * 3) % 9) as f32 * 0.25 - 1.0);
     group.bench_function("likelihood and its gradient", |bencher| {
@@ -95,7 +95,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
     });
     group.bench_function("the refit of a round", |bencher| {
         let model = ideal.density_model().expect("a density model").clone();
-        let stream = imaging.stream(imaging.convolver(psf.view()).expect("optics"), Split::Train, model.patch());
+        let stream = forward.stream(forward.convolver(psf.view()).expect("optics"), Split::Train, model.patch());
         let fit = CausalFit::new(FitLength::Steps(settings.refit), 1);
         bencher.iter(|| fit.fit(&mut model.clone(), &stream, &mut |_| ControlFlow::Continue(())).expect("a refit"));
     });
@@ -115,14 +115,14 @@ fn up_a_density_model(criterion: &mut Criterion) {
 
 fn up_the_posterior(criterion: &mut Criterion) {
     let set = beads();
-    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).expect("optics");
+    let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).expect("optics");
     let start = random_layout(25, 1);
     let psf = render_psf(&start, 1).expect("a PSF");
     let mut group = criterion.benchmark_group("ideal");
     group.sample_size(10).measurement_time(Duration::from_secs(12));
     let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
-    let patch = imaging.patch(settings.patch);
-    let channel = imaging.bead_channel(psf.view(), patch).expect("beads");
+    let patch = forward.patch(settings.patch);
+    let channel = forward.bead_channel(psf.view(), patch).expect("beads");
     // As many as have the pixels of so many patches.
     let of_patch = |count: usize| (count * PIXELS) as f64 / (patch.0 * patch.1) as f64;
     let (scenes, samples) = (of_patch(settings.patches).round() as usize, of_patch(SAMPLES) as usize);
@@ -142,7 +142,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
     group.bench_function("the products of such a slope alone", |bencher| {
         bencher.iter(|| products_alone(&shapes, sites, scenes, Gradients::None));
     });
-    let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings.clone()).expect("a run");
+    let mut ideal = IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).expect("a run");
     group.bench_function("a round up the posterior", |bencher| {
         bencher.iter_custom(|count| time_of_rounds(&mut ideal, count));
     });

@@ -10,7 +10,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     // A camera with a system gain of 2 DN per photon and an offset of 64 DN.
     let calibration = Calibration { gain: 2.0, offset: 64.0, bin: 1 };
     let design = Design::default();
-    let photons = Simulator::new(&design)?.measure(0, 60)?.noisy;
+    let model = ForwardModel::open(&design)?;
+    let photons = model.simulate(model.psf(&design)?.view(), 0..60, design.seed)?.noisy;
     let grey = photons.mapv(|photons| 2.0 * photons + 64.0);
 
     let file = std::env::temp_dir().join(format!("measurements-{}.npy", std::process::id()));

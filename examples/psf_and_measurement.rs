@@ -18,8 +18,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("PSF: shape {:?} (planes, rows, cols), sum {:.3}", psf.dim(), psf.sum());
 
     // Object and noise of a measurement depend on its number and the seed only.
-    let simulator = Simulator::new(&design)?;
-    let Simulated { objects, noiseless, noisy } = simulator.measure(0, 4)?;
+    let model = ForwardModel::open(&design)?;
+    let Simulated { objects, noiseless, noisy } = model.simulate(psf.view(), 0..4, design.seed)?;
     println!("Objects: shape {:?}, mean {:.1} photons per pixel", objects.dim(), objects.mean().unwrap_or(0.0));
     println!("Measurements: shape {:?}, mean {:.1} photons per pixel", noisy.dim(), noisy.mean().unwrap_or(0.0));
 

@@ -22,7 +22,7 @@ pub use crate::optics::{
 
 // Objects, measurements and image files.
 pub use crate::formats::{FormatError, PixelStack, read_stack, write_array};
-pub use crate::forward::{ForwardError, ForwardModel, Simulated, Simulator};
+pub use crate::forward::{ForwardError, ForwardModel, Simulated};
 pub use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 pub use crate::sensor::Noise;
 

@@ -38,6 +38,7 @@ impl CancelToken {
     }
 
     /// A token that is cancelled by itself or with this one.
+    #[must_use]
     pub fn child(&self) -> Self {
         Self { state: Arc::new(State { is_cancelled: AtomicBool::new(false), parent: Some(self.clone()) }) }
     }

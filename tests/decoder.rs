@@ -140,9 +140,9 @@ fn a_start_helps_and_must_fit() {
 #[test]
 fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
     let set = ObjectSet::open(&"beads:0.03".parse().unwrap(), &ObjectOptions::default()).unwrap();
-    let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+    let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
     let psf = render_psf(&heuristic_layout(9), 1).unwrap();
-    let channel = imaging.bead_channel(psf.view(), (32, 32)).unwrap();
+    let channel = forward.bead_channel(psf.view(), (32, 32)).unwrap();
     let shipped = Decoder::shipped().unwrap();
     let told = |decoder: &Decoder| decoder_information(decoder, &channel, (5, 256), 0..512, &|| true).unwrap();
     let fitted = |rate: f64| {

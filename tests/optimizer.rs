@@ -72,12 +72,12 @@ fn up_a_pixelcnn() -> IdealSettings {
     IdealSettings { steps, objects: 6, patches: 8, patch, refit_every, first_fit, refit, last_fit, ..paper }
 }
 
-fn forward_model(set: &ObjectSet) -> ForwardModel<'_> {
-    ForwardModel::new(set, (12, 12), 10.0, Noise::Shot).unwrap()
+fn forward_model(set: &ObjectSet) -> ForwardModel {
+    ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap()
 }
 
-fn run<'a>(imaging: &'a ForwardModel<'a>, start: &LensletArray, settings: IdealSettings) -> IdealOptimizer<'a> {
-    let mut ideal = IdealOptimizer::new(imaging, start, Limits::default(), settings).unwrap();
+fn run<'a>(forward: &'a ForwardModel, start: &LensletArray, settings: IdealSettings) -> IdealOptimizer<'a> {
+    let mut ideal = IdealOptimizer::new(forward, start, Limits::default(), settings).unwrap();
     while !ideal.is_finished() {
         ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
     }
@@ -87,7 +87,7 @@ fn run<'a>(imaging: &'a ForwardModel<'a>, start: &LensletArray, settings: IdealS
 #[test]
 fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
     let set = beads(0.03);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let settings = IdealSettings {
         steps: 300,
         refit_every: 5,
@@ -95,7 +95,7 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
         rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3, relative_weight: 0.0 },
         ..settings()
     };
-    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let state = ideal.state();
     let (first, last) = (state.checkpoints.first().unwrap(), state.checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
@@ -126,7 +126,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     lenslet_studio::formats::write_array(&path, objects.view()).unwrap();
     let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
     let set = ObjectSet::open(&ObjectSource::Stack(path), &options).unwrap();
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let settings = IdealSettings {
         steps: 200,
         refit_every: 5,
@@ -134,11 +134,11 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
         rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.05, weight: 1e-3, relative_weight: 0.0 },
         ..settings()
     };
-    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     // Information of a Gaussian of the same covariance, in closed form.
-    let known = imaging.analytic_moments(Split::All, (12, 12), (8, 8)).unwrap();
+    let known = forward.analytic_moments(Split::All, (12, 12), (8, 8)).unwrap();
     let truth = |array: &LensletArray| {
         let psf = render_psf(array, 1).unwrap();
         let (signal, noise) = (900.0 * psf.iter().map(|p| p * p).sum::<f64>(), 110.0);
@@ -156,18 +156,18 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
 #[test]
 fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let rates = lenslet_studio::design::Rates { position: 0.02, variance: 0.1, weight: 1e-3, relative_weight: 0.0 };
     // Gradients from fewer scenes are so noisy that the last digits of sums decide the end of such a run.
     let relocation_candidates = IdealSettings::new(Preset::Default, Objective::Posterior, 3).relocation_candidates;
     let settings =
         IdealSettings { steps: 200, patches: 256, refit_every: 20, rates, relocation_candidates, ..up_the_posterior() };
-    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.05, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
     let psf = render_psf(&last.array, 1).unwrap();
-    let channel = imaging.bead_channel(psf.view(), (8, 8)).unwrap();
+    let channel = forward.bead_channel(psf.view(), (8, 8)).unwrap();
     let (rows, cols) = (channel.spot.dim().1, channel.spot.dim().2);
     let sites = ((8 + rows - 1) * (8 + cols - 1)) as f64;
     assert!(last.interval_95[1] < sites / 64.0 * binary_entropy(0.03), "{last:?}");
@@ -181,11 +181,11 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
 #[test]
 fn the_published_procedure_sharpens_a_lenslet_too() {
     let set = beads(0.03);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let rates = lenslet_studio::design::Rates { variance: 0.1, ..up_a_pixelcnn().rates };
     let settings =
         IdealSettings { steps: 40, patches: 64, refit_every: 20, first_fit: 60, refit: 60, rates, ..up_a_pixelcnn() };
-    let ideal = run(&imaging, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     let width = |checkpoint: &lenslet_studio::design::Checkpoint| checkpoint.array.lenslets[0].spot.mean_sigma();
     assert!(width(last) < width(first) - 0.3, "{last:?}");
@@ -203,12 +203,12 @@ fn interrupted_runs_go_on_bit_for_bit() {
 #[test]
 fn equal_runs_are_equal_on_any_number_of_threads() {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     for settings in [settings(), up_the_posterior(), up_a_pixelcnn()] {
         let settings = IdealSettings { steps: 6, ..settings };
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let state = pool.install(|| run(&imaging, &two(), settings.clone()).state().clone());
+            let state = pool.install(|| run(&forward, &two(), settings.clone()).state().clone());
             let bits: Vec<f64> = state.checkpoints.iter().map(|checkpoint| checkpoint.bits_per_pixel).collect();
             (state.array, bits)
         };
@@ -220,12 +220,12 @@ fn equal_runs_are_equal_on_any_number_of_threads() {
 
 fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let settings = || settings.clone();
-    let whole = run(&imaging, &two(), settings());
+    let whole = run(&forward, &two(), settings());
     assert_ne!(whole.state().array, two());
 
-    let new = || IdealOptimizer::new(&imaging, &two(), Limits::default(), settings()).unwrap();
+    let new = || IdealOptimizer::new(&forward, &two(), Limits::default(), settings()).unwrap();
     let to_its_end = |ideal: &mut IdealOptimizer<'_>| {
         while !ideal.is_finished() {
             ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
@@ -265,7 +265,7 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     to_its_end(&mut resumed);
     assert_eq!(resumed.state().step, 16);
     let other =
-        IdealOptimizer::new(&imaging, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
+        IdealOptimizer::new(&forward, &two(), Limits::default(), IdealSettings { objects: 7, ..settings() }).unwrap();
     assert!(other.resumed(&bytes).err().unwrap().to_string().contains("another mask, scene or setting"));
     assert!(new().resumed(&bytes[..40]).is_err());
 }
@@ -274,11 +274,11 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
 #[test]
 fn information_is_told_of_held_out_objects_only() {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
-    let ideal = run(&imaging, &two(), IdealSettings { steps: 4, ..settings() });
+    let forward = forward_model(&set);
+    let ideal = run(&forward, &two(), IdealSettings { steps: 4, ..settings() });
     let checkpoint = ideal.state().checkpoints.last().unwrap();
     let psf = render_psf(&checkpoint.array, 1).unwrap();
-    let convolver = imaging.convolver(psf.view()).unwrap();
+    let convolver = forward.convolver(psf.view()).unwrap();
     let value = |split| {
         let objects = set.objects(split, 128, SeedStream::HeldOutObjects.derive(3)).unwrap();
         let encoded = convolver.measure(objects.view(), 10.0).unwrap();
@@ -297,12 +297,12 @@ fn information_is_told_of_held_out_objects_only() {
 #[test]
 fn only_what_is_free_moves_and_the_wished_number_is_left() {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let start =
         mask((0..5).map(|i| Lenslet::round(2.0 + 1.7 * f64::from(i), 9.0 - 1.3 * f64::from(i), 1.0, 0.2)).collect());
     let free = Free { positions: true, widths: false, weights: false };
     let settings = IdealSettings { free, locked: vec![1], min_separation_px: 1.5, ..settings() };
-    let ideal = run(&imaging, &start, settings.clone());
+    let ideal = run(&forward, &start, settings.clone());
     let array = &ideal.state().array;
     assert_eq!(array.lenslets[1], start.lenslets[1]);
     for (after, before) in array.lenslets.iter().zip(&start.lenslets) {
@@ -310,7 +310,7 @@ fn only_what_is_free_moves_and_the_wished_number_is_left() {
     }
     assert!(array.lenslets.iter().zip(&start.lenslets).filter(|(after, before)| after.x != before.x).count() == 4);
 
-    let ideal = run(&imaging, &start, IdealSettings { cardinality: Some(2), free: Free::default(), ..settings });
+    let ideal = run(&forward, &start, IdealSettings { cardinality: Some(2), free: Free::default(), ..settings });
     let left = merged(&ideal.state().array);
     assert_eq!(left.lenslets.len(), 2, "{left:?}");
     assert!(ideal.state().array.lenslets[1].weight > 0.0, "a locked lenslet is not taken out");
@@ -319,8 +319,8 @@ fn only_what_is_free_moves_and_the_wished_number_is_left() {
 #[test]
 fn spots_may_become_elliptic() {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
-    let ideal = run(&imaging, &two(), IdealSettings { anisotropic: true, steps: 8, ..settings() });
+    let forward = forward_model(&set);
+    let ideal = run(&forward, &two(), IdealSettings { anisotropic: true, steps: 8, ..settings() });
     for lenslet in &ideal.state().array.lenslets {
         let Spot::Anisotropic { .. } = lenslet.spot else { panic!("{lenslet:?}") };
         let (minor, major) = lenslet.spot.principal_sigmas();
@@ -331,13 +331,13 @@ fn spots_may_become_elliptic() {
 #[test]
 fn a_mask_or_setting_that_allows_no_run_is_told() {
     let set = beads(0.05);
-    let imaging = forward_model(&set);
+    let forward = forward_model(&set);
     let told = |start: &LensletArray, settings: IdealSettings| {
-        IdealOptimizer::new(&imaging, start, Limits::default(), settings).err().unwrap().to_string()
+        IdealOptimizer::new(&forward, start, Limits::default(), settings).err().unwrap().to_string()
     };
     assert!(told(&mask(Vec::new()), settings()).contains("no lenslet"));
     assert!(told(&two(), IdealSettings { patches: 0, ..settings() }).contains("patches is 0"));
-    let silent = ForwardModel::new(&set, (12, 12), 10.0, Noise::None).unwrap();
+    let silent = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::None).unwrap();
     let error = IdealOptimizer::new(&silent, &two(), Limits::default(), settings()).err().unwrap().to_string();
     assert!(error.contains("noise"), "{error}");
     let error = IdealOptimizer::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use lenslet_studio::evaluation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 use lenslet_studio::formats::read_stack;
-use lenslet_studio::forward::{Design, Simulator};
+use lenslet_studio::forward::{Design, ForwardModel};
 use lenslet_studio::information::{Estimate, Protocol};
 use lenslet_studio::optics::{Encoder, heuristic_layout};
 use lenslet_studio::sensor::Noise;
@@ -53,9 +53,8 @@ fn measurements_keep_the_photons_of_their_objects() {
     let folder = tempfile::tempdir().unwrap();
     for (name, source) in SETS {
         let Some(design) = design(source, 4) else { return };
-        let simulator = Simulator::new(&design).unwrap();
-        let written =
-            measure_into(folder.path(), &design, &simulator, 150, MeasurementFormat::Npy, &mut |_| {}).unwrap();
+        let forward = ForwardModel::open(&design).unwrap();
+        let written = measure_into(folder.path(), &design, &forward, 150, MeasurementFormat::Npy, &mut |_| {}).unwrap();
         assert_eq!(written.object_shape, [150, 96, 96]);
         assert_eq!(written.measurement_shape, [150, 65, 65]);
         let read = |name: &str| read_stack(&folder.path().join(name)).unwrap().into_array().mapv(f64::from);
@@ -116,9 +115,9 @@ fn captures_are_whole_objects_and_the_diffuser_evens_them_out() {
     let mut coefficients = Vec::new();
     for folder in ["lensed", "diffuser"] {
         let Some(design) = design(&format!("images:captures/{folder}"), 3) else { return };
-        let simulator = Simulator::new(&design).unwrap();
-        assert_eq!((simulator.set().base_images(), simulator.set().field()), (Some(9), (96, 96)));
-        let simulated = simulator.measure(0, 9).unwrap();
+        let forward = ForwardModel::open(&design).unwrap();
+        assert_eq!((forward.set.base_images(), forward.set.field()), (Some(9), (96, 96)));
+        let simulated = forward.simulate(forward.psf(&design).unwrap().view(), 0..9, design.seed).unwrap();
         assert_eq!(simulated.noisy.dim(), (9, 65, 65));
         let photons = simulated.objects.mapv(f64::from).mean().unwrap();
         assert!((photons - 100.0).abs() < 1e-3, "{folder}: nine of nine captures have the mean asked for, {photons}");

@@ -42,6 +42,6 @@ fn channel(seed: u64) -> Result<BeadChannel, IdealError> {
     let psf = render_psf(&array, 1)?;
     let noise = noise(&mut random, NOISES);
     let side = if random.random_bool(SENSOR_SHARE) { SENSOR_SIDE } else { PATCH_SIDE };
-    let imaging = ForwardModel::new(&set, (array.rows, array.cols), bias, noise)?;
-    Ok(imaging.bead_channel(psf.view(), (side, side)).ok_or(InformationError::NoLight)?)
+    let forward = ForwardModel::new(set.clone(), (array.rows, array.cols), bias, noise)?;
+    Ok(forward.bead_channel(psf.view(), (side, side)).ok_or(InformationError::NoLight)?)
 }

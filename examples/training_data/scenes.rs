@@ -50,9 +50,9 @@ fn scene(seed: u64) -> Result<TrainingScene, IdealError> {
         let density = between(&mut random, DENSITIES);
         let options = ObjectOptions { mean_photons, ..ObjectOptions::default() };
         let set = ObjectSet::open(&ObjectSource::Beads { density }, &options)?;
-        let imaging = ForwardModel::new(&set, grid, bias, noise)?;
-        let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, PATCH);
-        let moments = imaging.analytic_moments(Split::All, grid, PATCH)?.of(psf.view())?;
+        let forward = ForwardModel::new(set.clone(), grid, bias, noise)?;
+        let stream = forward.stream(forward.convolver(psf.view())?, Split::Train, PATCH);
+        let moments = forward.analytic_moments(Split::All, grid, PATCH)?.of(psf.view())?;
         return Ok(TrainingScene { noise, patches: stream.draw(FITTED, seed)?, moments });
     }
     let objects = mosaics(&mut random, mean_photons);

@@ -12,7 +12,7 @@ use super::optimize_runs::RECORD;
 use super::output;
 use super::output::ProgressLine;
 use super::tamura::Summary;
-use crate::forward::{Simulator, notices_of};
+use crate::forward::{ForwardModel, notices_of};
 use crate::workbench::{DESIGN_FILE, DESIGN_FILES, MEASUREMENT_STACKS, MeasurementFormat, measure_into};
 
 /// Largest number of objects: 370 GB at 96 x 96 px, 32-bit floats.
@@ -69,16 +69,16 @@ impl Arguments {
         let outputs: Vec<PathBuf> = stacks.chain([self.out.join(DESIGN_FILE)]).collect();
         self.design.check_inputs_stay(&outputs, &design)?;
         check_no_other(&self.out, &design, &[RECORD, DESIGN_FILES[0]])?;
-        let simulator = Simulator::new(&design).map_err(|error| about_objects(&design, error.into()))?;
-        if let Some(understood) = simulator.set().understood() {
+        let forward = ForwardModel::open(&design).map_err(|error| about_objects(&design, error.into()))?;
+        if let Some(understood) = forward.set.understood() {
             output::report(format_args!("{}: {understood}", design.objects));
         }
         let progress_line = ProgressLine::new();
-        let stacks = measure_into(&self.out, &design, &simulator, self.count, format, &mut |done| {
+        let stacks = measure_into(&self.out, &design, &forward, self.count, format, &mut |done| {
             progress_line.show(done, self.count, "Simulating");
         })?;
         progress_line.finish();
-        let set = simulator.set();
+        let set = &forward.set;
         let result = Measured {
             objects: design.objects.to_string(),
             objects_fingerprint: set.fingerprint(),

@@ -75,7 +75,7 @@ pub struct GradientDraw {
     pub seed: u64,
 }
 
-impl ForwardModel<'_> {
+impl ForwardModel {
     /// The [`information_gradient`] of freshly drawn measurements with patches of shape `patch` (rows, cols).
     ///
     /// # Errors

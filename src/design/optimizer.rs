@@ -36,7 +36,7 @@ const LOWER_SAMPLES: usize = 512;
 
 /// Optimizer of a mask. It advances round by round, and can be saved between two rounds.
 pub struct IdealOptimizer<'a> {
-    imaging: &'a ForwardModel<'a>,
+    forward: &'a ForwardModel,
     /// The mask before the first step, within the limits.
     start: LensletArray,
     limits: Limits,
@@ -61,14 +61,14 @@ impl<'a> IdealOptimizer<'a> {
     /// # Errors
     /// Where settings, mask, objects and noise do not allow a run.
     pub fn new(
-        imaging: &'a ForwardModel<'a>,
+        forward: &'a ForwardModel,
         start: &LensletArray,
         limits: Limits,
         settings: IdealSettings,
     ) -> Result<Self, IdealError> {
         start.check()?;
         settings.check(start)?;
-        let patch = imaging.patch(settings.patch);
+        let patch = forward.patch(settings.patch);
         // No patch is larger than the measurement; the record holds the patch that is used.
         let settings = IdealSettings { patch: settings.patch.map(|_| patch), ..settings };
         let mut array = start.clone().with_unit_weight();
@@ -80,14 +80,14 @@ impl<'a> IdealOptimizer<'a> {
         }
         project(&mut array, &settings, &limits);
         let model: Box<dyn ObjectiveModel + 'a> = match settings.objective {
-            Objective::Density => Box::new(DensityModel::new(imaging, &array, &limits, patch, settings.seed)?),
-            Objective::PixelCnn => Box::new(PixelCnnModel::new(imaging, &array, patch, settings.seed)?),
-            Objective::Posterior => Box::new(PosteriorModel::new(imaging, &array, patch, settings.seed)?),
+            Objective::Density => Box::new(DensityModel::new(forward, &array, &limits, patch, settings.seed)?),
+            Objective::PixelCnn => Box::new(PixelCnnModel::new(forward, &array, patch, settings.seed)?),
+            Objective::Posterior => Box::new(PosteriorModel::new(forward, &array, patch, settings.seed)?),
         };
         let (start, state) = (array.clone(), IdealState::new(array, settings.steps));
         let held_out =
-            imaging.set.objects(Split::Test, TAMURA_IMAGES, SeedStream::HeldOutObjects.derive(settings.seed))?;
-        Ok(Self { imaging, start, limits, settings, patch, held_out, model, state })
+            forward.set.objects(Split::Test, TAMURA_IMAGES, SeedStream::HeldOutObjects.derive(settings.seed))?;
+        Ok(Self { forward, start, limits, settings, patch, held_out, model, state })
     }
 
     /// The same run in the state of [`IdealOptimizer::to_bytes`]. It continues bit for bit as an uninterrupted one, over the number
@@ -145,9 +145,9 @@ impl<'a> IdealOptimizer<'a> {
             "settings": self.settings.identity(),
             "start": json_of(&self.start),
             "limits": json_of(&self.limits),
-            "objects": self.imaging.set.fingerprint(),
-            "bias_photons": self.imaging.bias,
-            "noise": self.imaging.noise.to_string(),
+            "objects": self.forward.set.fingerprint(),
+            "bias_photons": self.forward.bias,
+            "noise": self.forward.noise.to_string(),
             "patch": [self.patch.0, self.patch.1],
         }]))
     }
@@ -156,8 +156,8 @@ impl<'a> IdealOptimizer<'a> {
     /// changes.
     fn earlier_key(&self) -> String {
         let (settings, start) = (self.settings.earlier_identity(), &self.start);
-        let imaging = (self.imaging.set.fingerprint(), self.imaging.bias, self.imaging.noise, self.patch);
-        blake3::hash(format!("{NUMBERS_VERSION} {settings} {start:?} {imaging:?} {:?}", self.limits).as_bytes())
+        let forward = (self.forward.set.fingerprint(), self.forward.bias, self.forward.noise, self.patch);
+        blake3::hash(format!("{NUMBERS_VERSION} {settings} {start:?} {forward:?} {:?}", self.limits).as_bytes())
             .to_hex()
             .to_string()
     }
@@ -174,7 +174,7 @@ impl<'a> IdealOptimizer<'a> {
 
     /// Fingerprint of the objects.
     pub fn objects_fingerprint(&self) -> String {
-        self.imaging.set.fingerprint()
+        self.forward.set.fingerprint()
     }
 
     /// The causal density model as it was fitted last, where the objective has one.
@@ -324,9 +324,9 @@ impl<'a> IdealOptimizer<'a> {
     /// The checkpoint of a mask with a value of the model.
     fn checkpoint_of(&self, moment: Moment, value: ModelValue) -> Result<Checkpoint, IdealError> {
         let Moment { step, array, seconds } = moment;
-        let psf = render_psf(&array, self.imaging.set.planes())?;
-        let encoded = self.imaging.convolver(psf.view())?.measure(self.held_out.view(), self.imaging.bias)?;
-        let measured = self.imaging.noise.draw(encoded.view(), SeedStream::TamuraNoise.derive(self.settings.seed));
+        let psf = render_psf(&array, self.forward.set.planes())?;
+        let encoded = self.forward.convolver(psf.view())?.measure(self.held_out.view(), self.forward.bias)?;
+        let measured = self.forward.noise.draw(encoded.view(), SeedStream::TamuraNoise.derive(self.settings.seed));
         let distinct = merged(&array);
         Ok(Checkpoint {
             step,
@@ -348,8 +348,8 @@ impl<'a> IdealOptimizer<'a> {
         array: &LensletArray,
         observer: &RunObserver<'_>,
     ) -> Result<Option<PretrainedLowerBound>, IdealError> {
-        let psf = render_psf(array, self.imaging.set.planes())?;
-        let Some(channel) = self.imaging.bead_channel(psf.view(), self.patch) else { return Ok(None) };
+        let psf = render_psf(array, self.forward.set.planes())?;
+        let Some(channel) = self.forward.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = SeedStream::RunLowerBound.derive(self.settings.seed);
         let proceed = || observer.notify(&self.state, Some((Phase::Measuring, 1.0))).is_continue();
         Ok(PretrainedLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &proceed)?)
@@ -373,10 +373,10 @@ mod tests {
     }
 
     /// One lenslet and a small sensor, with one step in every round.
-    pub(super) fn small<'a>(imaging: &'a ForwardModel<'a>, settings: &IdealSettings) -> IdealOptimizer<'a> {
+    pub(super) fn small<'a>(forward: &'a ForwardModel, settings: &IdealSettings) -> IdealOptimizer<'a> {
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let settings = IdealSettings { refit_every: 1, ..settings.clone() };
-        IdealOptimizer::new(imaging, &start, Limits::default(), settings).unwrap()
+        IdealOptimizer::new(forward, &start, Limits::default(), settings).unwrap()
     }
 
     /// Beads so sparse that more lenslets show more of them on a small sensor.
@@ -386,7 +386,7 @@ mod tests {
     }
 
     /// A short run by the decoder objective with one step in every round.
-    pub(super) fn short<'a>(imaging: &'a ForwardModel<'a>, lenslets: &[Lenslet], steps: usize) -> IdealOptimizer<'a> {
+    pub(super) fn short<'a>(forward: &'a ForwardModel, lenslets: &[Lenslet], steps: usize) -> IdealOptimizer<'a> {
         let start = LensletArray { rows: 16, cols: 16, lenslets: lenslets.to_vec() };
         let settings = IdealSettings {
             patch: Some((16, 16)),
@@ -399,7 +399,7 @@ mod tests {
             steps,
             ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
         };
-        IdealOptimizer::new(imaging, &start, Limits::default(), settings).unwrap()
+        IdealOptimizer::new(forward, &start, Limits::default(), settings).unwrap()
     }
 
     /// All numbers of a safetensors file.
@@ -417,7 +417,7 @@ mod tests {
     #[test]
     fn run_with_a_cardinality_resumes_its_own_state() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((500, 500)),
             cardinality: Some(2),
@@ -427,7 +427,7 @@ mod tests {
         let lenslet =
             |index: usize| Lenslet::round(2.0 + (index % 3) as f64 * 3.0, 2.0 + (index / 3) as f64 * 3.0, 1.0, 1.0);
         let start = LensletArray { rows: 12, cols: 12, lenslets: (0..9).map(lenslet).collect() };
-        let begun = || IdealOptimizer::new(&imaging, &start, Limits::default(), settings.clone()).unwrap();
+        let begun = || IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).unwrap();
         let mut ideal = begun();
         ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         assert_eq!(begun().resumed(&ideal.to_bytes().unwrap()).unwrap().state.array, ideal.state.array);
@@ -438,14 +438,14 @@ mod tests {
     #[test]
     fn run_can_be_stopped_within_a_step() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((5, 5)),
             first_fit: 1,
             patches: 4096,
             ..IdealSettings::new(Preset::Paper, Objective::PixelCnn, 1)
         };
-        let mut ideal = small(&imaging, &settings);
+        let mut ideal = small(&forward, &settings);
         let mut calls_in_step = 0;
         let mut watch = |progress: &IdealProgress<'_>| {
             calls_in_step += usize::from(progress.phase.is_none());

@@ -2,13 +2,13 @@
 
 use std::cell::RefCell;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use crate::evaluation::checkpoint::EstimateCheckpoint;
-use crate::evaluation::patch_source::psf_for_planes;
 use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
-use crate::forward::{Design, ForwardModel, forward_model};
+use crate::forward::{Design, ForwardModel};
 use crate::information::{
     AisBound, AisSettings, BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
     InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,
@@ -34,10 +34,10 @@ const LEVELS: (usize, usize) = (64, 400);
 /// The channel of bead patches, or the reason why no bound can use the prior of these objects.
 pub(crate) fn bead_channel(
     design: &Design,
-    imaging: &ForwardModel<'_>,
+    forward: &ForwardModel,
     patch: (usize, usize),
 ) -> Result<(Option<BeadChannel>, Option<InformationError>), EvaluationError> {
-    let Some(channel) = imaging.bead_channel(psf_for_planes(design, imaging.set)?.view(), patch) else {
+    let Some(channel) = forward.bead_channel(forward.psf(design)?.view(), patch) else {
         return Ok((None, None));
     };
     let channel = BeadChannel { noise: design.noise, ..channel };
@@ -60,10 +60,10 @@ const NARROW: f64 = 0.002;
 /// Where mask and objects do not belong together, or numbers are not finite.
 pub fn pretrained_lower_bound(
     design: &Design,
-    set: &ObjectSet,
+    set: &Arc<ObjectSet>,
     patch: (usize, usize),
 ) -> Result<Option<NamedBound>, EvaluationError> {
-    let (channel, _) = bead_channel(design, &forward_model(design, set)?, patch)?;
+    let (channel, _) = bead_channel(design, &ForwardModel::of_objects(design, Arc::clone(set))?, patch)?;
     let mut watch = |_: &_| ControlFlow::Continue(());
     channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), &mut watch))
 }

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::json;
@@ -10,12 +11,12 @@ use crate::evaluation::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, scale_budget, with_pretrained_lower_bound,
 };
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity, WEIGHTS_NOT_WRITTEN};
-use crate::evaluation::patch_source::{PatchSource, psf_for_planes};
+use crate::evaluation::patch_source::PatchSource;
 use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
 use crate::evaluation::scene::{EvaluationError, ceiling_of};
 use crate::formats::json_of;
-use crate::forward::{Design, ForwardModel, forward_model, mean_measurement, notices_of, open_set_with};
+use crate::forward::{Design, ForwardModel, mean_measurement, notices_of, open_set_with};
 use crate::information::{
     CausalRequest, Covariance, EngineChoice, Estimate, Estimator, FitCheckpoint, FitLength, GaussianRequest,
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
@@ -88,23 +89,23 @@ pub(crate) fn estimate_on_patches(
     if let Some(file) = &request.weights.from {
         PixelCnn::open_published(file)?;
     }
-    let set = read(design, watch)?;
+    let set = Arc::new(read(design, watch)?);
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
     if analytic_alone && set.whole_pictures(Split::All).is_some() {
         return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
     }
     // Published densities took the noise as it is.
     let bounding = if request.protocol == Protocol::Paper { design.clone() } else { design.bounding() };
-    let imaging = forward_model(&bounding, &set)?;
-    let convolver = imaging.convolver(design.psf(set.planes())?.view())?;
+    let forward = ForwardModel::of_objects(&bounding, Arc::clone(&set))?;
+    let convolver = forward.convolver(design.psf(set.planes())?.view())?;
     let (rows, cols) = convolver.plan().measurement_shape();
     let patch = request.patch.unwrap_or((rows, cols));
     // A patch that fits no measurement is refused before anything is drawn.
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     request.model.check_patch(patch)?;
     let protocol = request.protocol;
-    let source = PatchSource::new(&bounding, &imaging, &convolver, (patch, protocol));
-    let (channel, refusal) = bead_channel(design, &imaging, patch)?;
+    let source = PatchSource::new(&bounding, &forward, &convolver, (patch, protocol));
+    let (channel, refusal) = bead_channel(design, &forward, patch)?;
     // The error comes before any fit; a density model does not need the prior.
     if matches!(request.model, DensityModel::Bracket { .. })
         && let Some(refusal) = refusal
@@ -326,9 +327,9 @@ fn causal(
     (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
     watch: Watch<'_>,
 ) -> Result<Trial, EvaluationError> {
-    let (train, (_, test)) = (source.imaging.set.fitting_parts().0, source.splits());
+    let (train, (_, test)) = (source.forward.set.fitting_parts().0, source.splits());
     let (stream, validation) =
-        source.imaging.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
+        source.forward.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
     let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {
@@ -336,7 +337,7 @@ fn causal(
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: validation.as_ref(),
         keeper,
-        moments: Some(&moments(design, source.imaging, (train, patch))?),
+        moments: Some(&moments(design, source.forward, (train, patch))?),
         noise: design.noise,
         length,
         init: request.init(),
@@ -350,11 +351,11 @@ fn causal(
 /// Mean and autocovariance of the measurements, from those of the objects of a split and the PSF.
 pub(crate) fn moments(
     design: &Design,
-    imaging: &ForwardModel<'_>,
+    forward: &ForwardModel,
     (split, patch): (Split, (usize, usize)),
 ) -> Result<Moments, EvaluationError> {
-    let known = imaging.analytic_moments(split, design.encoder.grid(), patch)?;
-    Ok(known.of(psf_for_planes(design, imaging.set)?.view())?)
+    let known = forward.analytic_moments(split, design.encoder.grid(), patch)?;
+    Ok(known.of(forward.psf(design)?.view())?)
 }
 
 fn analytic(
@@ -371,9 +372,9 @@ fn analytic(
     tell(watch, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
-    let known = source.imaging.analytic_moments(Split::All, design.encoder.grid(), patch)?;
-    let psf = psf_for_planes(design, source.imaging.set)?;
-    let mean = mean_measurement(source.imaging.set, psf.view(), design.bias_photons);
+    let known = source.forward.analytic_moments(Split::All, design.encoder.grid(), patch)?;
+    let psf = source.forward.psf(design)?;
+    let mean = mean_measurement(&source.forward.set, psf.view(), design.bias_photons);
     let bound = known.covariance.evaluate(psf.view(), mean, design.noise, entropy_y_given_x)?;
     let settings = TrialSettings {
         estimator: Estimator::GaussianAnalytic,

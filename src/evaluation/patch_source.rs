@@ -9,17 +9,12 @@ use crate::evaluation::progress::{Watch, tell};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
 use crate::information::{InformationError, Protocol, SharedImages, Trial};
-use crate::objects::{ObjectSet, Split};
+use crate::objects::Split;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
 
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
-
-/// The point spread function for the planes of the objects, shape (planes, rows, cols).
-pub(crate) fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, EvaluationError> {
-    Ok(design.psf(set.planes())?.slice_move(ndarray::s![..set.planes(), .., ..]))
-}
 
 /// The number of test patches and their seed, and the base images that they show.
 type Shown = ((usize, u64), Rc<SharedImages>);
@@ -27,7 +22,7 @@ type Shown = ((usize, u64), Rc<SharedImages>);
 /// Source of patches.
 pub(crate) struct PatchSource<'a> {
     pub design: &'a Design,
-    pub imaging: &'a ForwardModel<'a>,
+    pub forward: &'a ForwardModel,
     /// Convolver for the PSF of the design.
     pub convolver: &'a Convolver,
     pub patch: (usize, usize),
@@ -37,14 +32,14 @@ pub(crate) struct PatchSource<'a> {
 }
 
 impl<'a> PatchSource<'a> {
-    /// Source of the patches of a design and its imaging, with the convolver for its PSF.
+    /// Source of the patches of a design and its forward, with the convolver for its PSF.
     pub fn new(
         design: &'a Design,
-        imaging: &'a ForwardModel<'a>,
+        forward: &'a ForwardModel,
         convolver: &'a Convolver,
         (patch, protocol): ((usize, usize), Protocol),
     ) -> Self {
-        Self { design, imaging, convolver, patch, protocol, shown: RefCell::default() }
+        Self { design, forward, convolver, patch, protocol, shown: RefCell::default() }
     }
 
     /// Parts of the set to train and to test on.
@@ -66,10 +61,10 @@ impl<'a> PatchSource<'a> {
 
     /// The batch of objects of one part of the patches.
     fn part(&self, split: Split, index: usize, seed: u64) -> Batch {
-        let first = index * self.imaging.set.batch();
+        let first = index * self.forward.set.batch();
         let place_seed = SeedStream::Batch { first }.derive(seed);
         // Whole images come in one order, so that none comes again before all have come.
-        match self.imaging.set.whole_pictures(split) {
+        match self.forward.set.whole_pictures(split) {
             Some(_) => Batch { first, object_seed: seed, place_seed },
             None => Batch { first: 0, object_seed: place_seed, place_seed },
         }
@@ -83,7 +78,7 @@ impl<'a> PatchSource<'a> {
 
     /// The base images that the test patches of a trial show, where their objects have any.
     pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedImages>>, EvaluationError> {
-        let (set, (_, split)) = (self.imaging.set, self.splits());
+        let (set, (_, split)) = (&self.forward.set, self.splits());
         if set.base_images().is_none() {
             return Ok(None);
         }
@@ -93,7 +88,7 @@ impl<'a> PatchSource<'a> {
         {
             return Ok(Some(Rc::clone(pictures)));
         }
-        let psf = psf_for_planes(self.design, set)?;
+        let psf = self.forward.psf(self.design)?;
         let pictures = Rc::new(self.shared(psf.view(), split, patches, asked.1)?);
         self.shown.replace(Some((asked, Rc::clone(&pictures))));
         Ok(Some(pictures))
@@ -109,11 +104,11 @@ impl<'a> PatchSource<'a> {
     ) -> Result<SharedImages, EvaluationError> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let mut shared = SharedImages::default();
-        for (index, first) in (0..patches).step_by(self.imaging.set.batch()).enumerate() {
+        for (index, first) in (0..patches).step_by(self.forward.set.batch()).enumerate() {
             let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
             let places =
-                Patches::one_each((self.imaging.set.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
-            let part = self.imaging.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
+                Patches::one_each((self.forward.set.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
+            let part = self.forward.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
             shared = shared.and(part.unwrap_or_default());
         }
         Ok(shared)
@@ -139,10 +134,10 @@ impl<'a> PatchSource<'a> {
             return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
         }
         let mut clean = Array3::zeros((count, rows, cols));
-        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.imaging.set.batch()).enumerate() {
-            tell(watch, step, index * self.imaging.set.batch(), count)?;
+        for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.forward.set.batch()).enumerate() {
+            tell(watch, step, index * self.forward.set.batch(), count)?;
             let batch = self.part(split, index, seed);
-            let objects = self.imaging.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
+            let objects = self.forward.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
             part.assign(&Patches::one_each(encoded.dim(), self.patch, batch.place_seed)?.cut(encoded.view()));
         }
@@ -191,12 +186,12 @@ mod tests {
         let whole = Design { objects: ObjectSource::Stack(pages), ..mosaics.clone() };
         for (design, grid) in [(mosaics, (32, 32)), (whole, (16, 16))] {
             let set = open_set_with(&design, &|_| ControlFlow::Continue(())).unwrap();
-            let imaging = ForwardModel::new(&set, grid, 10.0, design.noise).unwrap();
+            let forward = ForwardModel::new(set.clone(), grid, 10.0, design.noise).unwrap();
             let mut psf = Array3::zeros((1, grid.0, grid.1));
             psf[[0, 9, 4]] = 1.0;
-            let convolver = imaging.convolver(psf.view()).unwrap();
+            let convolver = forward.convolver(psf.view()).unwrap();
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
-            let source = PatchSource::new(design, &imaging, &convolver, (patch, protocol));
+            let source = PatchSource::new(design, &forward, &convolver, (patch, protocol));
             let count = 2 * set.batch() + 7;
             let (clean, _) =
                 source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();

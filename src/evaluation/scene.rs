@@ -4,6 +4,7 @@
 //! edits. An edit then costs one PSF, the products with known spectra, and the later steps.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
 use thiserror::Error;
@@ -132,7 +133,7 @@ pub struct Scene {
     mean_photons: f64,
     seed: u64,
     /// The whole set.
-    pub set: ObjectSet,
+    pub set: Arc<ObjectSet>,
     /// Up to [`LIVE_COUNT`] of its objects, shape (n, planes, rows, cols), photons per pixel.
     pub objects: Array4<f32>,
     /// Tamura coefficient of the noiseless objects, first plane.
@@ -164,7 +165,7 @@ impl Scene {
             source: design.objects.clone(),
             mean_photons: design.mean_photons,
             seed: design.seed,
-            set,
+            set: Arc::new(set),
             objects,
             tamura,
         })

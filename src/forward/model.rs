@@ -1,14 +1,32 @@
 //! Forward model: measurements of objects by a mask and a sensor.
 
-use ndarray::{Array2, Array3, ArrayView3, s};
+use std::ops::Range;
+use std::sync::Arc;
 
-use crate::objects::ObjectSet;
+use ndarray::{Array2, Array3, Array4, ArrayView3, s};
+
+use super::design::{Design, DesignError};
+use super::design_objects::open_set;
+use super::error::ForwardError;
+use crate::objects::{ObjectSet, Split};
 use crate::sensor::{Convolution, Convolver, Noise, SensorError};
 
-/// Objects and a sensor, for masks of one grid.
-pub struct ForwardModel<'a> {
+/// Objects and a sensor, for any mask of one grid. The mask comes with each call, as its point spread function: an optimizer or a person
+/// changes it all the time, while objects and sensor stay.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let design = Design::default();
+/// let model = ForwardModel::open(&design)?;
+/// let measured = model.simulate(model.psf(&design)?.view(), 0..2, design.seed)?;
+/// assert_eq!(measured.noisy.dim(), (2, 65, 65));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone)]
+pub struct ForwardModel {
     /// The objects.
-    pub set: &'a ObjectSet,
+    pub set: Arc<ObjectSet>,
     /// Background, photons per pixel.
     pub bias: f64,
     /// Noise of the sensor.
@@ -16,19 +34,79 @@ pub struct ForwardModel<'a> {
     plan: Convolution,
 }
 
-impl<'a> ForwardModel<'a> {
+/// Objects and their measurements.
+pub struct Simulated {
+    /// Shape (n, planes, rows, cols), photons per pixel.
+    pub objects: Array4<f32>,
+    /// Encoded images with background, shape (n, rows, cols).
+    pub noiseless: Array3<f32>,
+    /// Noisy measurements, shape (n, rows, cols), photons per pixel.
+    pub noisy: Array3<f32>,
+}
+
+impl ForwardModel {
     /// A forward model of objects imaged by point spread functions of `grid` (rows, cols).
     ///
     /// # Errors
     /// Where the grid is larger than the objects.
-    pub fn new(set: &'a ObjectSet, grid: (usize, usize), bias: f64, noise: Noise) -> Result<Self, SensorError> {
-        Ok(Self { set, bias, noise, plan: Convolution::new(set.field(), grid)? })
+    pub fn new(
+        set: impl Into<Arc<ObjectSet>>,
+        grid: (usize, usize),
+        bias: f64,
+        noise: Noise,
+    ) -> Result<Self, SensorError> {
+        let set = set.into();
+        let plan = Convolution::new(set.field(), grid)?;
+        Ok(Self { set, bias, noise, plan })
+    }
+
+    /// The forward model of a design, for any mask of its grid. Opens its objects.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the objects cannot be read or do not fit the mask.
+    pub fn open(design: &Design) -> Result<Self, ForwardError> {
+        Self::of_objects(design, open_set(design)?)
+    }
+
+    /// The forward model of a design whose objects are open.
+    ///
+    /// # Errors
+    /// [`ForwardError`] where the objects do not fit the mask.
+    pub fn of_objects(design: &Design, set: impl Into<Arc<ObjectSet>>) -> Result<Self, ForwardError> {
+        Ok(Self::new(set, design.encoder.grid(), design.bias_photons, design.noise)?)
+    }
+
+    /// The point spread function of a design on the planes of the objects, shape (planes, rows, cols).
+    ///
+    /// # Errors
+    /// [`DesignError`] where the mask cannot be rendered.
+    pub fn psf(&self, design: &Design) -> Result<Array3<f64>, DesignError> {
+        psf_for_planes(design, &self.set)
+    }
+
+    /// Simulates measurements of a range of the objects through a point spread function of shape (planes, rows, cols). An object and its
+    /// noise depend only on its number and the seed: ranges of any length give the same whole.
+    ///
+    /// # Errors
+    /// [`ForwardError`] for a point spread function of another grid, and where the objects do not fit into memory.
+    pub fn simulate(
+        &self,
+        psf: ArrayView3<'_, f64>,
+        objects: Range<usize>,
+        seed: u64,
+    ) -> Result<Simulated, ForwardError> {
+        let convolver = self.convolver(psf)?;
+        let first = objects.start;
+        let objects = self.set.objects_from(Split::All, first, objects.len(), seed)?;
+        let noiseless = convolver.measure(objects.view(), self.bias)?;
+        let noisy = self.noise.draw_from(noiseless.view(), first, seed);
+        Ok(Simulated { objects, noiseless, noisy })
     }
 
     /// The forward model with the noise for upper bounds by density models; see [`Noise::bounding`].
     #[must_use]
     pub fn bounding(&self) -> Self {
-        Self { noise: self.noise.bounding(), plan: self.plan.clone(), ..*self }
+        Self { noise: self.noise.bounding(), ..self.clone() }
     }
 
     /// Transforms of the convolution.
@@ -50,6 +128,14 @@ impl<'a> ForwardModel<'a> {
     pub fn convolver(&self, psf: ArrayView3<'_, f64>) -> Result<Convolver, SensorError> {
         self.plan.with_psf(psf.slice(s![..self.set.planes(), .., ..]))
     }
+}
+
+/// The point spread function of a design on the planes of the objects, shape (planes, rows, cols).
+///
+/// # Errors
+/// [`DesignError`] where the mask cannot be rendered.
+pub fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, DesignError> {
+    Ok(design.psf(set.planes())?.slice_move(s![..set.planes(), .., ..]))
 }
 
 /// Mean of the measurements of a set of objects through a point spread function of shape (planes, rows, cols) with a

@@ -19,10 +19,10 @@ use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
 use crate::seeds::SeedStream;
 
 /// The causal model, refitted to the mask.
-pub(in crate::design) struct DensityModel<'a> {
+pub(in crate::design) struct DensityModel {
     /// Forward model with the noise of the upper bound.
-    imaging: ForwardModel<'a>,
-    moments: AnalyticMoments<'a>,
+    forward: ForwardModel,
+    moments: AnalyticMoments,
     patch: (usize, usize),
     seed: u64,
     entropy: NoiseEntropy,
@@ -31,33 +31,33 @@ pub(in crate::design) struct DensityModel<'a> {
     initial: CausalModel,
     model: CausalModel,
     /// Measurements through the mask of the model.
-    stream: MeasurementStream<'a>,
+    stream: MeasurementStream,
     /// The online fit to a mask that moves on from there.
     refit: Option<CausalRefit>,
 }
 
-impl<'a> DensityModel<'a> {
+impl DensityModel {
     /// An unfitted model. Its intensity grid reaches up to the brightest measurement that the limits allow: that of one sharp
     /// lenslet, on any plane.
     ///
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &ForwardModel<'a>,
+        forward: &ForwardModel,
         start: &LensletArray,
         limits: &Limits,
         patch: (usize, usize),
         seed: u64,
     ) -> Result<Self, IdealError> {
         check_causal_patch(patch)?;
-        let imaging = imaging.bounding();
-        let moments = imaging.analytic_moments(Split::Train, (start.rows, start.cols), patch)?;
-        let held_out = HeldOut::new(&imaging, patch, seed)?;
-        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
-        let planes = imaging.set.planes();
+        let forward = forward.bounding();
+        let moments = forward.analytic_moments(Split::Train, (start.rows, start.cols), patch)?;
+        let held_out = HeldOut::new(&forward, patch, seed)?;
+        let entropy = NoiseEntropy::new(forward.noise, Protocol::Default)?;
+        let planes = forward.set.planes();
         let drawn = |array: &LensletArray| -> Result<_, IdealError> {
             let psf = render_psf(array, planes)?;
-            let stream = imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch);
+            let stream = forward.stream(forward.convolver(psf.view())?, Split::Train, patch);
             Ok((stream.draw(SAMPLE, SeedStream::ScalePatches.derive(seed))?, psf, stream))
         };
         let (sample, psf, stream) = drawn(start)?;
@@ -74,14 +74,14 @@ impl<'a> DensityModel<'a> {
         let extremes: Vec<_> = extremes.iter().map(|patches| patches.view()).collect();
         let extremes = concatenate(Axis(0), &extremes).expect("patches of one shape, of one plane at least");
         let known = moments.of(psf.view())?;
-        let initial = CausalModel::covering(CausalShape::default(), imaging.noise, &sample, &known, &extremes, seed)?;
+        let initial = CausalModel::covering(CausalShape::default(), forward.noise, &sample, &known, &extremes, seed)?;
         let model = initial.clone();
-        Ok(Self { imaging, moments, patch, seed, entropy, held_out, initial, model, stream, refit: None })
+        Ok(Self { forward, moments, patch, seed, entropy, held_out, initial, model, stream, refit: None })
     }
 
     /// Training measurements through a mask of this PSF.
-    fn training_stream(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream<'a>, IdealError> {
-        Ok(self.imaging.stream(self.imaging.convolver(psf)?, Split::Train, self.patch))
+    fn training_stream(&self, psf: ArrayView3<'_, f64>) -> Result<MeasurementStream, IdealError> {
+        Ok(self.forward.stream(self.forward.convolver(psf)?, Split::Train, self.patch))
     }
 }
 
@@ -119,9 +119,9 @@ impl FrozenDensity for Cancellable<'_> {
     }
 }
 
-impl ObjectiveModel for DensityModel<'_> {
+impl ObjectiveModel for DensityModel {
     fn retarget(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
-        let psf = render_psf(array, self.imaging.set.planes())?;
+        let psf = render_psf(array, self.forward.set.planes())?;
         self.stream = self.training_stream(psf.view())?;
         let sample = self.stream.draw(SAMPLE, SeedStream::ScalePatches.derive(self.seed))?;
         let moments = self.moments.of(psf.view())?;
@@ -148,7 +148,7 @@ impl ObjectiveModel for DensityModel<'_> {
         steps: usize,
         proceed: &dyn Fn() -> bool,
     ) -> Result<bool, IdealError> {
-        let psf = render_psf(array, self.imaging.set.planes())?;
+        let psf = render_psf(array, self.forward.set.planes())?;
         let stream = self.training_stream(psf.view())?;
         let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
         refit.advance_to(steps, &stream, proceed)?;
@@ -157,7 +157,7 @@ impl ObjectiveModel for DensityModel<'_> {
     }
 
     fn value(&self, array: &LensletArray, _last: bool, proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
-        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.imaging, array)?;
+        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.forward, array)?;
         let test = PatchBatch { noisy, clean: Some(clean) };
         let watch = &mut |_| if proceed() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
         let (information, _) = score_with_progress(&self.model, &self.entropy, &test, watch)?;
@@ -166,7 +166,7 @@ impl ObjectiveModel for DensityModel<'_> {
 
     fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
         let held = Cancellable { model: &self.model, proceed };
-        Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
+        Ok(self.forward.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -199,9 +199,9 @@ mod tests {
     fn value_can_be_cancelled() {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
-        let model = DensityModel::new(&imaging, &start, &Limits::default(), (6, 6), 1).unwrap();
+        let model = DensityModel::new(&forward, &start, &Limits::default(), (6, 6), 1).unwrap();
         let left = Cell::new(2);
         let value = model.value(&start, false, &|| left.replace(left.get() - 1) > 1);
         assert!(matches!(value, Err(IdealError::Information(InformationError::Cancelled))));

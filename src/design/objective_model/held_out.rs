@@ -35,16 +35,16 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where objects or patch allow none.
-    pub fn new(imaging: &ForwardModel<'_>, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
+    pub fn new(forward: &ForwardModel, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
         // An image that repeats adds no information; an interval takes two.
-        let count = imaging.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
+        let count = forward.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
         let object_seed = SeedStream::HeldOutObjects.derive(seed);
-        let objects = imaging.set.objects(Split::Test, count, object_seed)?;
+        let objects = forward.set.objects(Split::Test, count, object_seed)?;
         // The mask will change: a uniform PSF stands for all of them.
-        let ((field_rows, field_cols), (rows, cols)) = (imaging.set.field(), imaging.plan().measurement_shape());
+        let ((field_rows, field_cols), (rows, cols)) = (forward.set.field(), forward.plan().measurement_shape());
         let flat = Array3::ones((1, field_rows + 1 - rows, field_cols + 1 - cols));
         let places = Patches::one_each((count, rows, cols), patch, SeedStream::HeldOutPlaces.derive(seed))?;
-        let shared = imaging.shared_pictures(flat.view(), patch, (Split::Test, 0, object_seed), &places);
+        let shared = forward.shared_pictures(flat.view(), patch, (Split::Test, 0, object_seed), &places);
         Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
 
@@ -52,12 +52,12 @@ impl HeldOut {
     ///
     /// # Errors
     /// Where mask and objects do not belong together.
-    pub fn measured(&self, imaging: &ForwardModel<'_>, array: &LensletArray) -> Result<HeldOutPatches, IdealError> {
-        let psf = render_psf(array, imaging.set.planes())?;
-        let encoded = imaging.convolver(psf.view())?.measure(self.objects.view(), imaging.bias)?;
+    pub fn measured(&self, forward: &ForwardModel, array: &LensletArray) -> Result<HeldOutPatches, IdealError> {
+        let psf = render_psf(array, forward.set.planes())?;
+        let encoded = forward.convolver(psf.view())?.measure(self.objects.view(), forward.bias)?;
         let clean = Patches::one_each(encoded.dim(), self.patch, SeedStream::HeldOutPlaces.derive(self.seed))?
             .cut(encoded.view());
-        let noisy = imaging.noise.draw(clean.view(), SeedStream::HeldOutNoise.derive(self.seed));
+        let noisy = forward.noise.draw(clean.view(), SeedStream::HeldOutNoise.derive(self.seed));
         Ok(HeldOutPatches { clean, noisy })
     }
 

@@ -23,9 +23,9 @@ const PATIENCE: usize = 10;
 const MIN_WIDTH: f32 = 1.0;
 
 /// The network and the fit of Kabuli et al. 2026.
-pub(in crate::design) struct PixelCnnModel<'a> {
+pub(in crate::design) struct PixelCnnModel {
     /// Forward model with the noise of the upper bound.
-    imaging: ForwardModel<'a>,
+    forward: ForwardModel,
     patch: (usize, usize),
     seed: u64,
     /// Exact noise entropy for values; gradients use the published approximation.
@@ -33,34 +33,34 @@ pub(in crate::design) struct PixelCnnModel<'a> {
     held_out: HeldOut,
     network: PixelCnn,
     /// Measurements through the mask of the model.
-    stream: MeasurementStream<'a>,
+    stream: MeasurementStream,
 }
 
-impl<'a> PixelCnnModel<'a> {
+impl PixelCnnModel {
     /// An unfitted network.
     ///
     /// # Errors
     /// Where objects, noise and patch allow none.
     pub fn new(
-        imaging: &ForwardModel<'a>,
+        forward: &ForwardModel,
         start: &LensletArray,
         patch: (usize, usize),
         seed: u64,
     ) -> Result<Self, IdealError> {
-        let imaging = imaging.bounding();
-        let entropy = NoiseEntropy::new(imaging.noise, Protocol::Default)?;
-        let held_out = HeldOut::new(&imaging, patch, seed)?;
-        let stream = stream(&imaging, start, patch)?;
+        let forward = forward.bounding();
+        let entropy = NoiseEntropy::new(forward.noise, Protocol::Default)?;
+        let held_out = HeldOut::new(&forward, patch, seed)?;
+        let stream = stream(&forward, start, patch)?;
         let sample = stream.draw(SAMPLE, SeedStream::ScalePatches.derive(seed))?;
         let scale = DataScale::of(sample.noisy.view(), MIN_WIDTH)?;
         let network = PixelCnn::new(PixelCnnShape::default(), scale, seed);
-        Ok(Self { imaging, patch, seed, entropy, held_out, network, stream })
+        Ok(Self { forward, patch, seed, entropy, held_out, network, stream })
     }
 }
 
-impl ObjectiveModel for PixelCnnModel<'_> {
+impl ObjectiveModel for PixelCnnModel {
     fn retarget(&mut self, array: &LensletArray, _warm: bool) -> Result<(), IdealError> {
-        self.stream = stream(&self.imaging, array, self.patch)?;
+        self.stream = stream(&self.forward, array, self.patch)?;
         Ok(())
     }
 
@@ -80,7 +80,7 @@ impl ObjectiveModel for PixelCnnModel<'_> {
     }
 
     fn value(&self, array: &LensletArray, _last: bool, _proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
-        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.imaging, array)?;
+        let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.forward, array)?;
         let noisy = dequantised(noisy.view(), SeedStream::Dequantisation.derive(self.seed), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
         let of_noise = self.entropy.patch_bits(clean.view())?;
@@ -89,8 +89,8 @@ impl ObjectiveModel for PixelCnnModel<'_> {
     }
 
     fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
-        let held = FrozenPixelCnn { network: &self.network, noise: self.imaging.noise, go_on: proceed };
-        Ok(self.imaging.gradient(array, draw, self.patch, &held)?.lenslets)
+        let held = FrozenPixelCnn { network: &self.network, noise: self.forward.noise, go_on: proceed };
+        Ok(self.forward.gradient(array, draw, self.patch, &held)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -107,11 +107,11 @@ impl ObjectiveModel for PixelCnnModel<'_> {
     }
 }
 
-fn stream<'a>(
-    imaging: &ForwardModel<'a>,
+fn stream(
+    forward: &ForwardModel,
     array: &LensletArray,
     patch: (usize, usize),
-) -> Result<MeasurementStream<'a>, IdealError> {
-    let psf = render_psf(array, imaging.set.planes())?;
-    Ok(imaging.stream(imaging.convolver(psf.view())?, Split::Train, patch))
+) -> Result<MeasurementStream, IdealError> {
+    let psf = render_psf(array, forward.set.planes())?;
+    Ok(forward.stream(forward.convolver(psf.view())?, Split::Train, patch))
 }

@@ -26,7 +26,7 @@ const LAST: usize = 4;
 
 /// The autoregressive decoder, refitted to the mask.
 pub(in crate::design) struct PosteriorModel<'a> {
-    imaging: &'a ForwardModel<'a>,
+    forward: &'a ForwardModel,
     patch: (usize, usize),
     seed: u64,
     /// Pretrained weights.
@@ -42,18 +42,18 @@ impl<'a> PosteriorModel<'a> {
     /// # Errors
     /// For objects of unknown prior, and for masks and noise without a channel.
     pub fn new(
-        imaging: &'a ForwardModel<'a>,
+        forward: &'a ForwardModel,
         start: &LensletArray,
         patch: (usize, usize),
         seed: u64,
     ) -> Result<Self, IdealError> {
-        let channel = channel(imaging, start, patch)?;
+        let channel = channel(forward, start, patch)?;
         channel.check()?;
         let found = "posterior".into();
         let no_decoder =
             IdealError::Setting { name: "objective", found, expected: "density; this build has no pretrained decoder" };
         let initial = Decoder::shipped().ok_or(no_decoder)?.clone();
-        Ok(Self { imaging, patch, seed, decoder: initial.clone(), initial, channel })
+        Ok(Self { forward, patch, seed, decoder: initial.clone(), initial, channel })
     }
 }
 
@@ -91,7 +91,7 @@ impl PosteriorModel<'_> {
         proceed: &dyn Fn() -> bool,
     ) -> Result<(), IdealError> {
         if refit.steps() < steps {
-            let channel = channel(self.imaging, array, self.patch)?;
+            let channel = channel(self.forward, array, self.patch)?;
             let watch = &mut |_| if proceed() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
             refit.advance_to(&channel, steps, watch)?;
         }
@@ -116,7 +116,7 @@ impl PosteriorModel<'_> {
         draw: &SceneDraw,
         proceed: &dyn Fn() -> bool,
     ) -> Result<Vec<f64>, IdealError> {
-        let channel = channel(self.imaging, array, self.patch)?;
+        let channel = channel(self.forward, array, self.patch)?;
         Ok(decoder_information(&self.decoder, &channel, (draw.seed, draw.block), draw.scenes.clone(), proceed)?)
     }
 }
@@ -140,7 +140,7 @@ pub(in crate::design) fn lower_bound(gains: Vec<f64>) -> ModelValue {
 
 impl ObjectiveModel for PosteriorModel<'_> {
     fn retarget(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError> {
-        self.channel = channel(self.imaging, array, self.patch)?;
+        self.channel = channel(self.forward, array, self.patch)?;
         if !warm {
             self.decoder = self.initial.clone();
         }
@@ -169,7 +169,7 @@ impl ObjectiveModel for PosteriorModel<'_> {
     }
 
     fn gradient(&self, array: &LensletArray, draw: &GradientDraw, _proceed: &dyn Fn() -> bool) -> MaskGradient {
-        self.imaging.posterior_gradient(array, self.patch, draw.patches, draw.seed, &self.decoder)
+        self.forward.posterior_gradient(array, self.patch, draw.patches, draw.seed, &self.decoder)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -186,7 +186,7 @@ impl ObjectiveModel for PosteriorModel<'_> {
     }
 }
 
-impl ForwardModel<'_> {
+impl ForwardModel {
     /// Gradient of the information by every lenslet, bits per pixel and unit of the parameter: the mean over `patches` freshly drawn
     /// patches of shape `patch` (rows, cols), by the posterior means of the decoder.
     ///
@@ -206,9 +206,9 @@ impl ForwardModel<'_> {
     }
 }
 
-fn channel(imaging: &ForwardModel<'_>, array: &LensletArray, patch: (usize, usize)) -> Result<BeadChannel, IdealError> {
-    let psf = render_psf(array, imaging.set.planes())?;
-    imaging.bead_channel(psf.view(), patch).ok_or_else(no_prior)
+fn channel(forward: &ForwardModel, array: &LensletArray, patch: (usize, usize)) -> Result<BeadChannel, IdealError> {
+    let psf = render_psf(array, forward.set.planes())?;
+    forward.bead_channel(psf.view(), patch).ok_or_else(no_prior)
 }
 
 fn no_prior() -> IdealError {
@@ -243,9 +243,9 @@ mod tests {
     fn gains_by_parts_are_those_of_all_scenes() {
         let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
-        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let mask = heuristic_layout(3);
-        let model = PosteriorModel::new(&imaging, &mask, (8, 8), 1).unwrap();
+        let model = PosteriorModel::new(&forward, &mask, (8, 8), 1).unwrap();
         let gains = |scenes: Range<usize>| model.held_out_gains(&mask, scenes, &|| true).unwrap();
         let mut parts = Vec::new();
         for end in [8, 24, 30, 300, model.scenes()] {

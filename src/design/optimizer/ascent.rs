@@ -211,9 +211,9 @@ mod tests {
     #[test]
     fn mask_is_reported_after_every_substep() {
         let set = few_beads();
-        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
-        let mut ideal = short(&imaging, &lenslets, 4);
+        let mut ideal = short(&forward, &lenslets, 4);
         (ideal.settings.substeps, ideal.settings.patches) = (3, 6);
         let mut seen = Vec::new();
         while !ideal.is_finished() {
@@ -241,9 +241,9 @@ mod tests {
     #[test]
     fn step_with_a_gradient_that_is_not_finite_is_refused() {
         let set = few_beads();
-        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 1.2, 0.5));
-        let mut ideal = short(&imaging, &lenslets, 4);
+        let mut ideal = short(&forward, &lenslets, 4);
         let step = |ideal: &mut IdealOptimizer<'_>, derivatives: [f64; 3]| {
             let mut partial = PartialStep::new(&ideal.state.array);
             for (index, derivative) in derivatives.into_iter().enumerate() {
@@ -263,7 +263,7 @@ mod tests {
     #[test]
     fn density_model_trains_online_and_resumed_runs_do_the_same() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 60,
@@ -281,7 +281,7 @@ mod tests {
             weights_in(&mut bytes).to_vec()
         };
         let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
-        let mut whole = small(&imaging, &settings);
+        let mut whole = small(&forward, &settings);
         advance(&mut whole);
         let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));
         let mut fitted = 0;
@@ -295,7 +295,7 @@ mod tests {
         while !whole.is_finished() {
             advance(&mut whole);
         }
-        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
+        let mut resumed = small(&forward, &settings).resumed(&bytes).unwrap();
         while !resumed.is_finished() {
             advance(&mut resumed);
         }

@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn run_reverts_after_a_loss_by_cold_fits() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 60,
@@ -146,7 +146,7 @@ mod tests {
             objects: 1,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let mut ideal = small(&imaging, &settings);
+        let mut ideal = small(&forward, &settings);
         let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         let blur = |ideal: &mut IdealOptimizer<'_>| ideal.state.array.lenslets[0].spot = Spot::Isotropic(5.0);
         let reverts = |ideal: &IdealOptimizer<'_>| -> Vec<IdealEvent> {
@@ -167,7 +167,7 @@ mod tests {
         let last = ideal.state.checkpoints.last().unwrap();
         assert_eq!((last.step, &last.array), (step, &ideal.state.checkpoints[0].array));
         assert!(ideal.state.step == step + 1 && ideal.state.array != last.array);
-        let mut resumed = small(&imaging, &settings).resumed(&bytes).unwrap();
+        let mut resumed = small(&forward, &settings).resumed(&bytes).unwrap();
         advance(&mut resumed);
         assert_eq!(resumed.state.array, ideal.state.array);
         // A run does not end with a worse mask than an earlier one.
@@ -189,9 +189,9 @@ mod tests {
     #[test]
     fn run_reverts_after_a_loss_by_lower_bounds() {
         let set = few_beads();
-        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
-        let mut ideal = short(&imaging, &lenslets, 3);
+        let mut ideal = short(&forward, &lenslets, 3);
         let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         let blur = |ideal: &mut IdealOptimizer<'_>| {
             for lenslet in &mut ideal.state.array.lenslets {

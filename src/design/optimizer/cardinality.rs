@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn pruning_joins_free_lenslets_only_and_keeps_fixed_weights() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let lenslets = [2.0, 2.1, 6.0, 6.4, 9.0].map(|x| Lenslet::round(x, 5.0, 1.0, 0.2)).to_vec();
         let start = LensletArray { rows: 12, cols: 12, lenslets };
         let settings = IdealSettings {
@@ -58,7 +58,7 @@ mod tests {
             steps: 10,
             ..IdealSettings::new(Preset::Default, Objective::Posterior, 1)
         };
-        let mut ideal = IdealOptimizer::new(&imaging, &start, Limits::default(), settings).unwrap();
+        let mut ideal = IdealOptimizer::new(&forward, &start, Limits::default(), settings).unwrap();
         ideal.state.step = 10;
         ideal.prune();
         assert_eq!(ideal.state.pruned, [3]);

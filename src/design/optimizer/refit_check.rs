@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn cold_fit_replaces_a_stale_model() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 40,
@@ -90,7 +90,7 @@ mod tests {
             steps: 2,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let mut ideal = small(&imaging, &settings);
+        let mut ideal = small(&forward, &settings);
         let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
         advance(&mut ideal);
         assert_eq!(ideal.state.events, []);
@@ -160,7 +160,7 @@ mod tests {
     #[test]
     fn run_resumes_bit_for_bit_across_a_cold_fit() {
         let set = beads();
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let settings = IdealSettings {
             patch: Some((5, 5)),
             first_fit: 1,
@@ -171,7 +171,7 @@ mod tests {
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
         let begun = || {
-            let ideal = small(&imaging, &settings);
+            let ideal = small(&forward, &settings);
             IdealOptimizer { model: Box::new(ForgetsColdFits(ideal.model)), ..ideal }
         };
         let mut whole = begun();

@@ -316,11 +316,11 @@ mod tests {
     #[test]
     fn dark_lenslet_is_relit_where_that_gains_information_and_resumed_runs_do_the_same() {
         let set = few_beads();
-        let imaging = ForwardModel::new(&set, (16, 16), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();
         // Two lenslets show more of the scene on the whole sensor.
         let lenslets = [1.0, 0.0].map(|weight| Lenslet::round(4.0, 7.5, 0.8, weight));
         let run = || {
-            let mut run = short(&imaging, &lenslets, 4);
+            let mut run = short(&forward, &lenslets, 4);
             run.settings.relocation_candidates = 24;
             run
         };

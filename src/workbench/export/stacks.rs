@@ -6,7 +6,7 @@ use ndarray::{ArrayViewD, Axis};
 
 use crate::evaluation::scene::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
-use crate::forward::{Design, Simulator};
+use crate::forward::{Design, ForwardModel};
 use crate::sparsity::tamura_of_stack;
 use crate::workbench::export::design_files::{DESIGN_FILE, ExportError, put_in_place};
 
@@ -133,33 +133,34 @@ pub struct MeasuredStacks {
 pub fn measure_into(
     folder: &Path,
     design: &Design,
-    simulator: &Simulator<'_>,
+    forward: &ForwardModel,
     count: usize,
     format: MeasurementFormat,
     progress: &mut dyn FnMut(usize),
 ) -> Result<MeasuredStacks, ExportError> {
-    let (rows, cols) = simulator.set().field();
-    let (measured_rows, measured_cols) = simulator.measurement_shape();
-    let bytes = 4 * (simulator.set().planes() * rows * cols + 2 * measured_rows * measured_cols);
-    measure_in_batches(folder, design, simulator, count, (BATCH_BYTES / bytes).max(1), format, progress)
+    let (rows, cols) = forward.set.field();
+    let (measured_rows, measured_cols) = forward.plan().measurement_shape();
+    let bytes = 4 * (forward.set.planes() * rows * cols + 2 * measured_rows * measured_cols);
+    measure_in_batches(folder, design, forward, count, (BATCH_BYTES / bytes).max(1), format, progress)
 }
 
 fn measure_in_batches(
     folder: &Path,
     design: &Design,
-    simulator: &Simulator<'_>,
+    forward: &ForwardModel,
     count: usize,
     batch: usize,
     format: MeasurementFormat,
     progress: &mut dyn FnMut(usize),
 ) -> Result<MeasuredStacks, ExportError> {
-    let (rows, cols) = simulator.set().field();
-    let object_shape = match simulator.set().planes() {
+    let (rows, cols) = forward.set.field();
+    let object_shape = match forward.set.planes() {
         1 => vec![count, rows, cols],
         planes => vec![count, planes, rows, cols],
     };
-    let (measured_rows, measured_cols) = simulator.measurement_shape();
+    let (measured_rows, measured_cols) = forward.plan().measurement_shape();
     let measurement_shape = vec![count, measured_rows, measured_cols];
+    let psf = forward.psf(design).map_err(EvaluationError::from)?;
     formats::create_folder(folder)?;
     let _lock = formats::lock_folder(folder)?;
     let start = |name, shape: &[usize]| StackWriter::create(folder, name, format, shape);
@@ -170,8 +171,8 @@ fn measure_in_batches(
     let mut first = 0;
     while first < count {
         let length = batch.min(count - first);
-        let part = simulator.measure(first, length).map_err(EvaluationError::from)?;
-        objects.append(match simulator.set().planes() {
+        let part = forward.simulate(psf.view(), first..first + length, design.seed).map_err(EvaluationError::from)?;
+        objects.append(match forward.set.planes() {
             1 => part.objects.index_axis(Axis(1), 0).into_dyn(),
             _ => part.objects.view().into_dyn(),
         })?;
@@ -215,12 +216,11 @@ mod tests {
             ..Design::default()
         };
         for (kind, design) in [Design::default(), volume].iter().enumerate() {
-            let simulator = Simulator::new(design).unwrap();
+            let forward = ForwardModel::open(design).unwrap();
             for format in [MeasurementFormat::Npy, MeasurementFormat::Tiff] {
                 let written = |batch: usize| {
                     let folder = folder.path().join(format!("{kind}-{format:?}-{batch}"));
-                    let result =
-                        measure_in_batches(&folder, design, &simulator, 7, batch, format, &mut |_| {}).unwrap();
+                    let result = measure_in_batches(&folder, design, &forward, 7, batch, format, &mut |_| {}).unwrap();
                     let bytes: Vec<_> = result.files.iter().map(|file| std::fs::read(file).unwrap()).collect();
                     (result.tamura, bytes)
                 };

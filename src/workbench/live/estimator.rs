@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::evaluation::scene::{EvaluationError, Scene};
-use crate::forward::{Design, forward_model};
+use crate::forward::{Design, ForwardModel};
 use crate::information::{CausalFit, CausalModel, CausalStart, FitLength, InformationError, PatchBatch, PatchStream};
 use crate::workbench::live::bounds::{BeadBoundState, SensorBounds};
 use crate::workbench::live::position_gradients::Pulls;
@@ -60,10 +60,10 @@ impl LiveEstimator {
     ) -> Result<(), EvaluationError> {
         let asked = Instant::now();
         let bounding = design.bounding();
-        let imaging = forward_model(&bounding, &scene.set)?;
-        let subject = LiveProblem::new(&bounding, design.noise, scene, &imaging)?;
+        let forward = ForwardModel::of_objects(&bounding, Arc::clone(&scene.set))?;
+        let subject = LiveProblem::new(&bounding, design.noise, scene, &forward)?;
         let mut beads = subject.beads(before);
-        let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
+        let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &PendingBounds| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(mut awaiting) = self.awaits_bounds.take().filter(is_this) {
             beads.take_over(&awaiting.estimate, SCHEDULE.edit_samples_converged, stop);
@@ -259,8 +259,8 @@ pub(crate) fn repeated(
     go_on: &(dyn Fn(usize) -> bool + Sync),
 ) -> Result<LiveEstimate, EvaluationError> {
     let bounding = design.bounding();
-    let imaging = forward_model(&bounding, &scene.set)?;
-    let subject = LiveProblem::new(&bounding, design.noise, scene, &imaging)?;
+    let forward = ForwardModel::of_objects(&bounding, Arc::clone(&scene.set))?;
+    let subject = LiveProblem::new(&bounding, design.noise, scene, &forward)?;
     let test = subject.test(recipe.test_patches)?;
     let (train, validation) = subject.fitting()?;
     let mut model = subject.model(&train, &test, start)?;

@@ -34,7 +34,7 @@ pub struct PositionGradient {
 /// Position gradients of the lenslets of a design, by the live estimate or, where that is loose, by the decoder of beads. The gradients
 /// of a loose density model point to where it is looser still. A decoder errs where beads are many; density models do not.
 pub(crate) struct Pulls<'a> {
-    imaging: &'a ForwardModel<'a>,
+    forward: &'a ForwardModel,
     /// The lenslets; none for other masks, which have no position gradients.
     array: Option<&'a LensletArray>,
     seed: u64,
@@ -48,10 +48,10 @@ pub(crate) struct Pulls<'a> {
 
 impl<'a> Pulls<'a> {
     /// The state before any scene.
-    pub fn new(imaging: &'a ForwardModel<'a>, array: Option<&'a LensletArray>, seed: u64) -> Self {
-        let decoder = Decoder::shipped().filter(|_| imaging.set.bead_prior().is_some());
+    pub fn new(forward: &'a ForwardModel, array: Option<&'a LensletArray>, seed: u64) -> Self {
+        let decoder = Decoder::shipped().filter(|_| forward.set.bead_prior().is_some());
         let seed = SeedStream::PositionGradients.derive(seed);
-        Self { imaging, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
+        Self { forward, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
     }
 
     /// The position gradients so far; none before there are enough scenes, and where numbers are not finite.
@@ -97,8 +97,8 @@ impl<'a> Pulls<'a> {
         (array, model): (&LensletArray, &CausalModel),
         seed: u64,
     ) -> Result<Vec<LensletGradient>, IdealError> {
-        let by = |patch| self.imaging.posterior_gradient(array, patch, scenes_of(patch), seed, decoder);
-        by(self.imaging.patch(None)).or_else(|_| by(model.patch()))
+        let by = |patch| self.forward.posterior_gradient(array, patch, scenes_of(patch), seed, decoder);
+        by(self.forward.patch(None)).or_else(|_| by(model.patch()))
     }
 
     fn by_density(
@@ -109,7 +109,7 @@ impl<'a> Pulls<'a> {
     ) -> Result<Vec<LensletGradient>, IdealError> {
         let scenes = scenes_of(model.patch());
         let draw = GradientDraw { split: Split::Test, objects: scenes, patches: scenes, seed };
-        Ok(self.imaging.gradient(array, &draw, model.patch(), model)?.lenslets)
+        Ok(self.forward.gradient(array, &draw, model.patch(), model)?.lenslets)
     }
 }
 
@@ -157,7 +157,7 @@ mod tests {
 
     use super::*;
     use crate::evaluation::scene::Scene;
-    use crate::forward::{Design, forward_model};
+    use crate::forward::Design;
     use crate::optics::{Encoder, Lenslet};
     use crate::workbench::live::problem::LiveProblem;
 
@@ -167,10 +167,10 @@ mod tests {
         let encoder = Encoder::Lenslets(LensletArray { rows: 32, cols: 32, lenslets });
         let design = Design { encoder, objects: "beads:0.11".parse().unwrap(), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
-        let imaging = forward_model(&design, &scene.set).unwrap();
-        let subject = LiveProblem::new(&design, design.noise, &scene, &imaging).unwrap();
+        let forward = ForwardModel::of_objects(&design, Arc::clone(&scene.set)).unwrap();
+        let subject = LiveProblem::new(&design, design.noise, &scene, &forward).unwrap();
         let model = subject.model(&subject.stream(Split::Train), &subject.test(32).unwrap(), None).unwrap();
-        let mut pulls = Pulls::new(&imaging, design.encoder.lenslets(), design.seed);
+        let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
         let mut look = |is_loose: bool, stop: bool| pulls.look((&model, is_loose), Duration::ZERO, &|| stop);
         assert_eq!(look(false, true), None, "it was stopped");
         let told = look(false, false).unwrap();

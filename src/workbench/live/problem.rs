@@ -35,7 +35,7 @@ const SHOWN: usize = 8;
 /// A design with the inputs of its estimates.
 pub(crate) struct LiveProblem<'a> {
     design: &'a Design,
-    imaging: &'a ForwardModel<'a>,
+    forward: &'a ForwardModel,
     pub patch: (usize, usize),
     convolver: Convolver,
     pub channel: Option<BeadChannel>,
@@ -46,31 +46,31 @@ pub(crate) struct LiveProblem<'a> {
 }
 
 impl<'a> LiveProblem<'a> {
-    /// The problem for [`Design::bounding`] and its imaging. The beads keep the noise of the design.
+    /// The problem for [`Design::bounding`] and its forward. The beads keep the noise of the design.
     pub fn new(
         design: &'a Design,
         noise: Noise,
         scene: &Scene,
-        imaging: &'a ForwardModel<'a>,
+        forward: &'a ForwardModel,
     ) -> Result<Self, EvaluationError> {
-        let patch = imaging.patch(Some((LIVE_PATCH, LIVE_PATCH)));
+        let patch = forward.patch(Some((LIVE_PATCH, LIVE_PATCH)));
         let psf = design.psf(scene.set.planes())?;
-        let convolver = imaging.convolver(psf.view())?;
-        let channel = imaging.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
+        let convolver = forward.convolver(psf.view())?;
+        let channel = forward.bead_channel(psf.view(), patch).map(|channel| BeadChannel { noise, ..channel });
         let entropy = NoiseEntropy::new(design.noise, Protocol::Default)?;
-        Ok(Self { design, imaging, patch, convolver, channel, entropy, psf, ceiling: OnceLock::new() })
+        Ok(Self { design, forward, patch, convolver, channel, entropy, psf, ceiling: OnceLock::new() })
     }
 
     /// The channel of whole measurements with their object-entropy bound, bits per pixel; none without a prior, and where measurements
     /// are no larger than a patch.
     pub fn whole(&self) -> Result<Option<(BeadChannel, Option<f64>)>, InformationError> {
-        let sensor = self.imaging.patch(None);
+        let sensor = self.forward.patch(None);
         let Some(noise) = self.channel.as_ref().filter(|_| sensor != self.patch).map(|channel| channel.noise) else {
             return Ok(None);
         };
-        let Some(channel) = self.imaging.bead_channel(self.psf.view(), sensor) else { return Ok(None) };
+        let Some(channel) = self.forward.bead_channel(self.psf.view(), sensor) else { return Ok(None) };
         let design = Design { noise, ..self.design.clone() };
-        let ceiling = ceiling_of(&design, self.imaging.set, self.psf.view(), sensor)?;
+        let ceiling = ceiling_of(&design, &self.forward.set, self.psf.view(), sensor)?;
         Ok(Some((BeadChannel { noise, ..channel }, ceiling.map(|found| found.bits_per_pixel))))
     }
 
@@ -91,8 +91,8 @@ impl<'a> LiveProblem<'a> {
         if !is_alike || other.encoder == own.encoder {
             return None;
         }
-        let psf = other.psf(self.imaging.set.planes()).ok()?;
-        self.imaging.bead_channel(psf.view(), self.patch).map(|channel| BeadChannel { noise, ..channel })
+        let psf = other.psf(self.forward.set.planes()).ok()?;
+        self.forward.bead_channel(psf.view(), self.patch).map(|channel| BeadChannel { noise, ..channel })
     }
 
     /// Amount by which annealed importance sampling lowers the smaller one of the object-entropy bound and a density bound, bits per
@@ -110,12 +110,12 @@ impl<'a> LiveProblem<'a> {
     }
 
     fn ceiling(&self) -> Option<f64> {
-        let found = || ceiling_of(self.design, self.imaging.set, self.psf.view(), self.patch).ok().flatten();
+        let found = || ceiling_of(self.design, &self.forward.set, self.psf.view(), self.patch).ok().flatten();
         *self.ceiling.get_or_init(|| Some(found()?.bits_per_pixel))
     }
 
-    pub fn stream(&self, split: Split) -> MeasurementStream<'_> {
-        self.imaging.stream(self.convolver.clone(), split, self.patch)
+    pub fn stream(&self, split: Split) -> MeasurementStream {
+        self.forward.stream(self.convolver.clone(), split, self.patch)
     }
 
     /// Returns `count` held-out patches, each of an object of its own. A smaller batch is the beginning of a larger one, so that
@@ -140,14 +140,14 @@ impl<'a> LiveProblem<'a> {
     fn shared(&self, count: usize) -> Result<SharedImages, InformationError> {
         let stream = self.stream(Split::Test);
         let (first, more) = self.parts(count);
-        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.imaging, self.psf.view(), count, seed);
+        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.forward, self.psf.view(), count, seed);
         let some = of(first)?.unwrap_or_default();
         Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
     }
 
     /// Fresh patches for the fit, and the validation patches of a fit to few images.
-    pub fn fitting(&self) -> Result<(MeasurementStream<'_>, Option<PatchBatch>), InformationError> {
-        self.imaging.fitting(&self.convolver, self.patch, SeedStream::LivePatches.derive(self.design.seed))
+    pub fn fitting(&self) -> Result<(MeasurementStream, Option<PatchBatch>), InformationError> {
+        self.forward.fitting(&self.convolver, self.patch, SeedStream::LivePatches.derive(self.design.seed))
     }
 
     /// The model before its fit.
@@ -162,7 +162,7 @@ impl<'a> LiveProblem<'a> {
             test,
             validation: None,
             keeper: None,
-            moments: Some(&moments(self.design, self.imaging, (self.imaging.set.fitting_parts().0, self.patch))?),
+            moments: Some(&moments(self.design, self.forward, (self.forward.set.fitting_parts().0, self.patch))?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
             init: start.map_or(Init::Pretrained, Init::Warm),
@@ -245,7 +245,6 @@ mod tests {
     use std::ops::ControlFlow;
 
     use super::*;
-    use crate::forward::forward_model;
     use crate::information::information_map;
     use crate::optics::{Encoder, heuristic_layout};
 
@@ -261,8 +260,8 @@ mod tests {
         let scene = Arc::new(Scene::open(&before, &|_| ControlFlow::Continue(())).unwrap());
         let mut known = None;
         let mut bits = |design: &Design| -> Vec<f64> {
-            let imaging = forward_model(design, &scene.set).unwrap();
-            let subject = LiveProblem::new(design, design.noise, &scene, &imaging).unwrap();
+            let forward = ForwardModel::of_objects(design, Arc::clone(&scene.set)).unwrap();
+            let subject = LiveProblem::new(design, design.noise, &scene, &forward).unwrap();
             let (train, test) = (subject.stream(Split::Train), subject.test(96).unwrap());
             let model = known.get_or_insert_with(|| subject.model(&train, &test, None).unwrap());
             let maps = information_map(model, &subject.entropy, &test).unwrap();

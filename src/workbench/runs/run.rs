@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use crate::design::{IdealOptimizer, IdealSettings, Objective, Observer};
 use crate::evaluation::EvaluationError;
 use crate::evaluation::scene::ceiling_of;
-use crate::forward::{Design, ForwardModel, forward_model, open_set_with};
+use crate::forward::{Design, ForwardModel, open_set_with};
 use crate::objects::Progress;
 use crate::optics::{LensletArray, render_psf};
 use crate::workbench::runs::record::IdealRecord;
@@ -29,9 +29,8 @@ pub fn run_ideal(
     observer: Observer<'_>,
 ) -> Result<IdealRecord, EvaluationError> {
     // The result is scored on the test part of the objects, which a run does not use.
-    let set = open_set_with(design, reading)?.of_training();
-    let imaging = forward_model(design, &set)?;
-    let mut ideal = IdealOptimizer::new(&imaging, start_of(design)?, design.limits, settings.clone())?;
+    let forward = ForwardModel::of_objects(design, open_set_with(design, reading)?.of_training())?;
+    let mut ideal = IdealOptimizer::new(&forward, start_of(design)?, design.limits, settings.clone())?;
     if let Some(state) = state {
         ideal = ideal.resumed(state)?;
         ideal.check_length(settings.steps)?;
@@ -42,16 +41,16 @@ pub fn run_ideal(
         keep(&ideal)?;
         ideal.extend_to(settings.steps);
     }
-    let notices = set.notices().iter().cloned().chain(above_ceiling(design, &imaging, &ideal)).collect();
+    let notices = forward.set.notices().iter().cloned().chain(above_ceiling(design, &forward, &ideal)).collect();
     Ok(IdealRecord { notices, ..IdealRecord::new(design, &ideal) })
 }
 
 /// A notice where the upper bound of the last mask lies above the object-entropy bound.
-fn above_ceiling(design: &Design, imaging: &ForwardModel<'_>, ideal: &IdealOptimizer<'_>) -> Option<String> {
+fn above_ceiling(design: &Design, forward: &ForwardModel, ideal: &IdealOptimizer<'_>) -> Option<String> {
     let settings = ideal.settings();
     let last = ideal.state().checkpoints.last().filter(|_| settings.objective != Objective::Posterior)?;
-    let psf = render_psf(&last.array, imaging.set.planes()).ok()?;
-    let ceiling = ceiling_of(design, imaging.set, psf.view(), imaging.patch(settings.patch)).ok()??.bits_per_pixel;
+    let psf = render_psf(&last.array, forward.set.planes()).ok()?;
+    let ceiling = ceiling_of(design, &forward.set, psf.view(), forward.patch(settings.patch)).ok()??.bits_per_pixel;
     (last.interval_95[0] > ceiling).then(|| {
         let bits = last.bits_per_pixel;
         format!(

@@ -6,7 +6,7 @@ use crate::design::Checkpoint;
 use crate::evaluation::estimation::read;
 use crate::evaluation::progress::Watch;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, estimate};
-use crate::forward::{Design, forward_model, open_set};
+use crate::forward::{Design, ForwardModel};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
 use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
@@ -29,7 +29,7 @@ pub fn score_in_patches(
     budget: Option<Duration>,
     watch: Watch<'_>,
 ) -> Result<Estimate, EvaluationError> {
-    let patch = forward_model(design, &read(design, watch)?)?.patch(Some((PATCH, PATCH)));
+    let patch = ForwardModel::of_objects(design, read(design, watch)?)?.patch(Some((PATCH, PATCH)));
     estimate(design, &score_within(design, Some(patch), budget), watch)
 }
 
@@ -50,7 +50,7 @@ pub fn score_whole(
     budget: Option<Duration>,
     watch: Watch<'_>,
 ) -> Result<Option<Estimate>, EvaluationError> {
-    let whole = forward_model(design, &read(design, watch)?)?.patch(None);
+    let whole = ForwardModel::of_objects(design, read(design, watch)?)?.patch(None);
     if whole == patches.patch.into() || whole.0 * whole.1 > MAX_PATCH_PIXELS {
         return Ok(None);
     }
@@ -69,9 +69,8 @@ pub fn score_settings(
     budget: Duration,
 ) -> Result<StudySettings, EvaluationError> {
     let start = &record.start;
-    let set = open_set(start)?;
-    let imaging = forward_model(start, &set)?;
-    let (patch, sensor) = (imaging.patch(Some((PATCH, PATCH))), imaging.patch(None));
+    let forward = ForwardModel::open(start)?;
+    let (patch, sensor) = (forward.patch(Some((PATCH, PATCH))), forward.patch(None));
     // Measurements of heuristic layouts are larger where this grid is larger than theirs.
     let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
     let patches = match (is_sensor, sensor.0 * sensor.1 <= MAX_PATCH_PIXELS) {
@@ -244,7 +243,7 @@ mod tests {
     use super::*;
     use crate::design::{IdealOptimizer, IdealSettings, Objective, Preset};
     use crate::formats::write_array;
-    use crate::forward::ForwardModel;
+    use crate::forward::open_set;
     use crate::information::PairedDifference;
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
     use crate::optics::heuristic_layout;
@@ -265,9 +264,9 @@ mod tests {
             let start = design.encoder.lenslets().unwrap();
             let settings =
                 IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
-            let imaging = forward_model(&design, &set).unwrap();
+            let forward = ForwardModel::of_objects(&design, set.clone()).unwrap();
             let record =
-                IdealRecord::new(&design, &IdealOptimizer::new(&imaging, start, design.limits, settings).unwrap());
+                IdealRecord::new(&design, &IdealOptimizer::new(&forward, start, design.limits, settings).unwrap());
             score_settings(&record, &[1], Duration::from_secs(1)).unwrap().patches
         };
         // A mask of 32 px leaves 90 x 90 = 8,100 px of it, and 91 x 91 = 8,281.
@@ -279,10 +278,10 @@ mod tests {
     fn a_result_is_judged_by_density_and_by_lower_bound() {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..Design::default() };
         let set = ObjectSet::open(&design.objects, &ObjectOptions::default()).unwrap();
-        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
+        let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let settings =
             IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
-        let ideal = IdealOptimizer::new(&imaging, &heuristic_layout(2), design.limits, settings).unwrap();
+        let ideal = IdealOptimizer::new(&forward, &heuristic_layout(2), design.limits, settings).unwrap();
         let mut settings =
             score_settings(&IdealRecord::new(&design, &ideal), &[1, 3, 1], Duration::from_millis(300)).unwrap();
         assert_eq!((settings.estimator, settings.cells()), (Estimator::Bracket, 8));

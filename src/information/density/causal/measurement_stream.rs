@@ -1,6 +1,7 @@
 //! Patches of new measurements, cut at random places, and the base images that they show.
 
 use std::ops::Range;
+use std::sync::Arc;
 
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 
@@ -21,7 +22,7 @@ const VALIDATION_PATCHES: usize = 64;
 /// Smallest share of the light of a patch for a base image to count.
 const LEAST_SHARE: f64 = 1e-3;
 
-impl<'a> ForwardModel<'a> {
+impl ForwardModel {
     /// Base images that patches at `places` show through a point spread function of shape (planes, rows, cols). The
     /// measurements are those of objects `first` and so on of a part and seed; `None` for beads.
     pub fn shared_pictures(
@@ -46,8 +47,8 @@ impl<'a> ForwardModel<'a> {
     }
 
     /// New patches of measurements of one part of the objects.
-    pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream<'a> {
-        MeasurementStream { set: self.set, convolver, bias: self.bias, noise: self.noise, split, patch }
+    pub fn stream(&self, convolver: Convolver, split: Split, patch: (usize, usize)) -> MeasurementStream {
+        MeasurementStream { set: Arc::clone(&self.set), convolver, bias: self.bias, noise: self.noise, split, patch }
     }
 
     /// New patches of training objects for a fit, and held-out ones that [validate](ObjectSet::fitting_parts) it
@@ -60,7 +61,7 @@ impl<'a> ForwardModel<'a> {
         convolver: &Convolver,
         patch: (usize, usize),
         seed: u64,
-    ) -> Result<(MeasurementStream<'a>, Option<PatchBatch>), InformationError> {
+    ) -> Result<(MeasurementStream, Option<PatchBatch>), InformationError> {
         let stream = |split| self.stream(convolver.clone(), split, patch);
         let (fit, validation) = self.set.fitting_parts();
         let validation = validation.map(|split| stream(split).draw_one_each(VALIDATION_PATCHES, seed)).transpose()?;
@@ -120,8 +121,8 @@ fn over(sums: &Array2<f64>, (top, bottom): (usize, usize), (left, right): (usize
 }
 
 /// Measurements of one part of an object set through one mask, cut at random places.
-pub struct MeasurementStream<'a> {
-    set: &'a ObjectSet,
+pub struct MeasurementStream {
+    set: Arc<ObjectSet>,
     convolver: Convolver,
     bias: f64,
     noise: Noise,
@@ -129,7 +130,7 @@ pub struct MeasurementStream<'a> {
     patch: (usize, usize),
 }
 
-impl MeasurementStream<'_> {
+impl MeasurementStream {
     /// Independent patches: each is cut from its own measurement. A smaller number of a seed gives the first of a
     /// larger number.
     ///
@@ -147,7 +148,7 @@ impl MeasurementStream<'_> {
     /// As [`PatchStream::draw`].
     pub fn shared_pictures(
         &self,
-        imaging: &ForwardModel<'_>,
+        forward: &ForwardModel,
         psf: ArrayView3<'_, f64>,
         count: usize,
         seed: u64,
@@ -155,7 +156,7 @@ impl MeasurementStream<'_> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let places = Patches::one_each((count, rows, cols), self.patch, seed);
         let places = places.map_err(|error| InformationError::Stream { reason: error.to_string() })?;
-        Ok(imaging.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
+        Ok(forward.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
     }
 
     /// Patches at `places` of the measurements of a number of objects of a seed. They are drawn in parts: few large
@@ -182,7 +183,7 @@ impl MeasurementStream<'_> {
     }
 }
 
-impl PatchStream for MeasurementStream<'_> {
+impl PatchStream for MeasurementStream {
     fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
         if self.convolver.plan().measurement_shape() == self.patch {
             // Each object has one whole measurement.
@@ -214,11 +215,11 @@ mod tests {
     #[test]
     fn few_images_are_not_fitted_to_alone() {
         let set = twelve_pictures();
-        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
-        let convolver = imaging.convolver(render_psf(&heuristic_layout(3), 1).unwrap().view()).unwrap();
-        let (stream, validation) = imaging.fitting(&convolver, (20, 26), 5).unwrap();
+        let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
+        let convolver = forward.convolver(render_psf(&heuristic_layout(3), 1).unwrap().view()).unwrap();
+        let (stream, validation) = forward.fitting(&convolver, (20, 26), 5).unwrap();
         let validation = validation.unwrap();
-        let held_out = imaging.stream(convolver.clone(), Split::Validation, (20, 26));
+        let held_out = forward.stream(convolver.clone(), Split::Validation, (20, 26));
         assert_eq!(validation.noisy, held_out.draw_one_each(VALIDATION_PATCHES, 5).unwrap().noisy);
         assert_eq!(stream.split, Split::Fit);
         let shown = |split| {
@@ -236,12 +237,12 @@ mod tests {
     #[test]
     fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
         let (set, psf) = (twelve_pictures(), render_psf(&heuristic_layout(3), 1).unwrap());
-        let imaging = ForwardModel::new(&set, (32, 32), 10.0, Noise::Shot).unwrap();
-        let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::All, (20, 26));
+        let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
+        let stream = forward.stream(forward.convolver(psf.view()).unwrap(), Split::All, (20, 26));
         // More than one batch.
         let count = set.batch() + 40;
         let clean = stream.draw_one_each(count, 5).unwrap().clean.unwrap();
-        let shared = stream.shared_pictures(&imaging, psf.view(), count, 5).unwrap().unwrap();
+        let shared = stream.shared_pictures(&forward, psf.view(), count, 5).unwrap().unwrap();
         assert_eq!(shared.pictures(), 12);
         for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
             let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
@@ -256,8 +257,8 @@ mod tests {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let psf = render_psf(&heuristic_layout(2), 1).unwrap().slice_move(s![.., 8..20, 8..20]);
-        let imaging = ForwardModel::new(&set, (12, 12), 10.0, Noise::Shot).unwrap();
-        let stream = imaging.stream(imaging.convolver(psf.view()).unwrap(), Split::Test, (6, 6));
+        let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
+        let stream = forward.stream(forward.convolver(psf.view()).unwrap(), Split::Test, (6, 6));
         let (few, more) = (stream.draw_one_each(5, 3).unwrap(), stream.draw_one_each(9, 3).unwrap());
         assert_eq!(few.noisy, more.noisy.slice(s![..5, .., ..]));
         assert_eq!(few.clean.unwrap(), more.clean.unwrap().slice(s![..5, .., ..]));

@@ -1,0 +1,38 @@
+//! Opens the objects of a design.
+
+use std::ops::ControlFlow;
+
+use ndarray::{Axis, s};
+
+use crate::forward::{Design, DesignError};
+use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress};
+
+/// The objects of a design.
+pub fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
+    open_set_with(design, &|_| ControlFlow::Continue(()))
+}
+
+/// The objects of a design, with reports of the progress of reading; [`ControlFlow::Break`] cancels.
+pub fn open_set_with(design: &Design, reading: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<ObjectSet, ObjectError> {
+    let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
+    ObjectSet::open_with(&design.objects, &options, reading)
+}
+
+/// Notices about the objects of a design, and about light of the PSF on planes without objects.
+///
+/// # Errors
+/// [`DesignError`] where the mask cannot be rendered.
+pub fn notices_of(design: &Design, set: &ObjectSet) -> Result<Vec<String>, DesignError> {
+    let psf = design.psf(set.planes())?;
+    let lost = psf.slice(s![set.planes().., .., ..]).sum() / psf.sum();
+    let notice = || {
+        let planes = set.planes();
+        format!(
+            "{:.1} % of the PSF lies on planes that these objects do not have: they have {planes}, the mask has {}, and no light \
+             comes from the others",
+            100.0 * lost,
+            psf.len_of(Axis(0))
+        )
+    };
+    Ok(set.notices().iter().cloned().chain((lost > 0.0).then(notice)).collect())
+}
