@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use lenslet_studio::evaluation::{Optics, Scene, SceneOptics};
+use lenslet_studio::evaluation::{Optics, Scene, SceneTables};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{NoiseEntropy, Protocol};
 use lenslet_studio::optics::{Encoder, modulation_transfer, render_psf};
@@ -17,7 +17,7 @@ fn edit(criterion: &mut Criterion) {
     let design = Design::default();
     let Encoder::Lenslets(array) = &design.encoder else { unreachable!("the default design has lenslets") };
     let scene = Scene::open(&design, &|_| ControlFlow::Continue(())).expect("beads need no file");
-    let prepared = SceneOptics::new(&scene, design.encoder.grid()).expect("objects are larger than the PSF");
+    let prepared = SceneTables::new(&scene, design.encoder.grid()).expect("objects are larger than the PSF");
     let optics = Optics::of(&design, 1).expect("the default design renders");
     let measurements = prepared.measure(&design, &optics, &scene).expect("shapes fit");
     let noise_entropy = NoiseEntropy::new(design.noise, Protocol::Default).expect("shot noise has an entropy");

@@ -9,7 +9,7 @@ use super::choices::about_objects;
 use super::design_args::{DesignArgs, SceneArgs};
 use super::failure::Failure;
 use super::output;
-use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneOptics, pretrained_lower_bound};
+use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneTables, pretrained_lower_bound};
 use crate::forward::{Design, notices_of};
 use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
 use crate::objects::Progress;
@@ -141,7 +141,7 @@ impl DesignBounds {
 
     fn of(design: &Design, scene: &Scene) -> Result<Self, EvaluationError> {
         let optics = Optics::of(design, scene.set.planes())?;
-        let prepared = SceneOptics::new(scene, design.encoder.grid())?;
+        let prepared = SceneTables::new(scene, design.encoder.grid())?;
         let measurements = prepared.measure(design, &optics, scene)?;
         let information = NoiseEntropy::new(design.noise.bounding(), Protocol::Default)
             .map_err(EvaluationError::from)

@@ -13,7 +13,7 @@ use clap::{Args, ValueEnum};
 use super::output;
 use crate::evaluation::{EvaluationError, MeasuredSource};
 use crate::formats::{ImageFile, split_kind};
-use crate::forward::Design;
+use crate::forward::{Design, ForwardError};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::optics::{
@@ -266,7 +266,7 @@ pub fn check_patches(train: usize, test: usize) -> anyhow::Result<()> {
 /// Adds the name of the objects to the error that objects and mask do not fit each other.
 pub fn about_objects(design: &Design, error: EvaluationError) -> anyhow::Error {
     match error {
-        EvaluationError::Sensor(error) => anyhow::anyhow!("{}: {error}", design.objects),
+        EvaluationError::Forward(ForwardError::Sensor(error)) => anyhow::anyhow!("{}: {error}", design.objects),
         other => other.into(),
     }
 }

@@ -19,4 +19,4 @@ pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use measured_error::MeasuredError;
 pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, format_duration};
 pub use request::{DensityModel, EstimateRequest, WeightsFiles};
-pub use scene::{EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneOptics};
+pub use scene::{EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneTables};

@@ -1,6 +1,6 @@
 //! Evaluation of one design on one set of objects: the computation behind every mouse move, step by step.
 //!
-//! Steps that depend only on the objects ([`Scene`]), or on the objects and the shape of the PSF ([`SceneOptics`]), are kept between
+//! Steps that depend only on the objects ([`Scene`]), or on the objects and the shape of the PSF ([`SceneTables`]), are kept between
 //! edits. An edit then costs one PSF, the products with known spectra, and the later steps.
 
 use std::ops::ControlFlow;
@@ -32,15 +32,9 @@ pub const LIVE_PATCH: usize = 32;
 /// Reasons why a design has no numbers.
 #[derive(Debug, Error)]
 pub enum EvaluationError {
-    /// The design itself.
+    /// The design, its objects, or both together.
     #[error(transparent)]
-    Design(#[from] DesignError),
-    /// The objects.
-    #[error(transparent)]
-    Objects(#[from] ObjectError),
-    /// Objects and PSF together.
-    #[error(transparent)]
-    Sensor(#[from] SensorError),
+    Forward(#[from] ForwardError),
     /// The estimate.
     #[error(transparent)]
     Information(#[from] InformationError),
@@ -67,13 +61,21 @@ pub enum EvaluationError {
     },
 }
 
-impl From<ForwardError> for EvaluationError {
-    fn from(error: ForwardError) -> Self {
-        match error {
-            ForwardError::Design(error) => Self::Design(error),
-            ForwardError::Objects(error) => Self::Objects(error),
-            ForwardError::Sensor(error) => Self::Sensor(error),
-        }
+impl From<DesignError> for EvaluationError {
+    fn from(error: DesignError) -> Self {
+        Self::Forward(error.into())
+    }
+}
+
+impl From<ObjectError> for EvaluationError {
+    fn from(error: ObjectError) -> Self {
+        Self::Forward(error.into())
+    }
+}
+
+impl From<SensorError> for EvaluationError {
+    fn from(error: SensorError) -> Self {
+        Self::Forward(error.into())
     }
 }
 
@@ -84,7 +86,7 @@ impl EvaluationError {
             Self::Information(error) | Self::Ideal(IdealError::Information(error)) => {
                 *error == InformationError::Cancelled
             }
-            Self::Objects(error) => matches!(error, ObjectError::Cancelled),
+            Self::Forward(error) => matches!(error, ForwardError::Objects(ObjectError::Cancelled)),
             _ => false,
         }
     }
@@ -92,7 +94,7 @@ impl EvaluationError {
     /// Whether the error is about a file that may be there, or may be writable, another time.
     pub fn may_pass(&self) -> bool {
         match self {
-            Self::Objects(ObjectError::File(error)) | Self::File(error) => error.may_pass(),
+            Self::Forward(ForwardError::Objects(ObjectError::File(error))) | Self::File(error) => error.may_pass(),
             _ => false,
         }
     }
@@ -183,7 +185,7 @@ impl Scene {
 }
 
 /// Tables computed once for a scene and a shape of PSF.
-pub struct SceneOptics {
+pub struct SceneTables {
     psf_shape: (usize, usize),
     plan: Convolution,
     spectra: ObjectSpectra,
@@ -239,7 +241,7 @@ impl LiveInformation {
     }
 }
 
-impl SceneOptics {
+impl SceneTables {
     /// Prepares a scene for PSFs of shape (rows, cols).
     ///
     /// # Errors

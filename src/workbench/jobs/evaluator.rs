@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use super::worker::Shared;
-use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
+use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
-use crate::objects::{ObjectError, Progress};
+use crate::objects::Progress;
 use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{ActivityKind, Entry};
 use crate::workbench::background::threads::lock;
@@ -29,7 +29,7 @@ pub(crate) struct Evaluator {
     scene: Option<Arc<Scene>>,
     /// Objects that were opened for the design, which does not image them yet: an edit may come before.
     opened: Option<Arc<Scene>>,
-    scene_optics: Option<(Arc<Scene>, SceneOptics)>,
+    scene_tables: Option<(Arc<Scene>, SceneTables)>,
     noise_entropy: Option<(Noise, NoiseEntropy)>,
 }
 
@@ -74,7 +74,7 @@ impl Evaluator {
             match &scene {
                 Ok(scene) => entry.end(Ok(scene.set.describe())),
                 // The entry was dropped without an end: it counts as stopped.
-                Err(EvaluationError::Objects(ObjectError::Cancelled)) => {}
+                Err(error) if error.is_cancelled() => {}
                 Err(error) => entry.end(Err(error.to_string())),
             }
         }
@@ -87,11 +87,11 @@ impl Evaluator {
         };
         publish(&|live| live.scene = Some(Revisioned { revision, value: Arc::clone(&scene) }));
         let shape = design.encoder.grid();
-        let known = self.scene_optics.as_ref();
+        let known = self.scene_tables.as_ref();
         if !known.is_some_and(|(of, prepared)| Arc::ptr_eq(of, &scene) && prepared.serves(shape)) {
-            self.scene_optics = Some((Arc::clone(&scene), SceneOptics::new(&scene, shape)?));
+            self.scene_tables = Some((Arc::clone(&scene), SceneTables::new(&scene, shape)?));
         }
-        let Some((_, prepared)) = &self.scene_optics else { return Ok(()) };
+        let Some((_, prepared)) = &self.scene_tables else { return Ok(()) };
         let measurements = Arc::new(prepared.measure(design, &optics, &scene)?);
         publish(&|live| live.measurements = Some(Revisioned { revision, value: Arc::clone(&measurements) }));
         // Tables of the noise's entropy are kept while the noise stays the same.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
-use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneOptics};
+use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::formats::write_png_rgb;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
@@ -334,7 +334,7 @@ pub(crate) fn measured_snapshot(
 ) -> Outcome {
     let measure = |scene: &Scene| {
         let optics = Optics::of(design, scene.set.planes())?;
-        let measured = SceneOptics::new(scene, design.encoder.grid())?.measure(design, &optics, scene)?;
+        let measured = SceneTables::new(scene, design.encoder.grid())?.measure(design, &optics, scene)?;
         Ok::<_, EvaluationError>(measured.noisy.index_axis_move(Axis(0), 0))
     };
     let measurement = scene.and_then(|scene| measure(scene).map_err(|error| error.to_string()));

@@ -195,7 +195,7 @@ mod tests {
     use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
     use super::*;
-    use crate::evaluation::scene::{Optics, SceneOptics};
+    use crate::evaluation::scene::{Optics, SceneTables};
     use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
     use crate::sensor::Noise;
@@ -327,7 +327,7 @@ mod tests {
         let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
         let live = first(&mut LiveEstimator::default(), (&design, None), &scene, |_| true);
         let optics = Optics::of(&design, scene.set.planes()).unwrap();
-        let prepared = SceneOptics::new(&scene, design.encoder.grid()).unwrap();
+        let prepared = SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(prepared.measure(&design, &optics, &scene).unwrap());
         let counts = measurements.counts.as_ref().unwrap();
         let are_below = |(count, noisy): (&f32, &f32)| count.fract() == 0.0 && (count - noisy).abs() < 1.0;
