@@ -253,7 +253,8 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
     let others = bracket.upper_bounds.iter().skip(1);
     let others: Vec<String> = others.map(|bound| format!("{} {:.4}", bound.from, bound.bits_per_pixel)).collect();
     let others = if others.is_empty() { String::new() } else { format!(" (others: {})", others.join(", ")) };
-    let (above_95, from_above) = (interval_behind(bracket.upper_interval_95, DECIMALS), &bracket.upper_from);
+    let (above_95, from_above) =
+        (interval_behind(bracket.upper_interval_95, DECIMALS), bracket.upper_from.in_sentence());
     if let (Some(lower), Some(from), Some(lower_95)) = (bracket.lower, &bracket.lower_from, bracket.lower_interval_95) {
         let (least, most) = Bracket::in_order(lower, bracket.upper);
         // Where the bounds cross, both are printed with their names.
@@ -263,13 +264,14 @@ fn bracket_line(bracket: &Bracket, knows_prior: bool) -> String {
             (String::new(), String::new())
         };
         return format!(
-            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} from the {from}{}, \
-             upper{above} from the {from_above}{above_95}{others}",
+            "between {least:.4} and {most:.4} bits per pixel: lower bound{below} by {}{}, \
+             upper{above} by {from_above}{above_95}{others}",
+            from.in_sentence(),
             interval_behind(lower_95, DECIMALS)
         );
     }
     let below = if knows_prior { "" } else { "; no lower bound is known" };
-    format!("at most {:.4} bits per pixel{above_95}, from the {from_above}{others}{below}", bracket.upper)
+    format!("at most {:.4} bits per pixel{above_95}, by {from_above}{others}{below}", bracket.upper)
 }
 
 /// The same numbers in bits per patch; the patch may be the whole sensor.

@@ -13,7 +13,7 @@ use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
 use crate::design::IdealProgress;
-use crate::information::NamedBound;
+use crate::information::{BoundMethod, NamedBound};
 use crate::workbench::{IdealRecord, LiveNumbers, LiveRecord, Record, Repeated, patches_of};
 
 /// Arguments of `reproduce`.
@@ -183,6 +183,6 @@ fn compared_line(side: &str, now: &NamedBound, then: &NamedBound) -> String {
 /// Bounds of a live estimate with their side.
 fn bounds(numbers: &LiveNumbers) -> [(&'static str, Option<NamedBound>); 3] {
     let LiveNumbers { bits_per_pixel, interval_95, .. } = *numbers;
-    let live = NamedBound { from: "density model".into(), bits_per_pixel, interval_95 };
+    let live = NamedBound { from: BoundMethod::Density, bits_per_pixel, interval_95 };
     [("at least", numbers.lower.clone()), ("at most", numbers.upper.clone()), ("at most", Some(live))]
 }

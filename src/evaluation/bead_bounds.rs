@@ -10,7 +10,7 @@ use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
 use crate::information::{
-    AisBound, AisSettings, BeadBounds, BeadChannel, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
+    AisBound, AisSettings, BeadBounds, BeadChannel, BoundMethod, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
     InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,
     decoder_lower_bound,
 };
@@ -78,7 +78,7 @@ fn told_at_once(
     let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
     let bound = PretrainedLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), &go_on)?;
     Ok(bound.map(|PretrainedLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
-        from: "decoder that comes with the program".into(),
+        from: BoundMethod::PretrainedDecoder,
         bits_per_pixel,
         interval_95,
     }))

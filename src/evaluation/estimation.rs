@@ -139,7 +139,7 @@ pub(crate) fn estimate_on_patches(
     if let Some(refusal) = &refusal
         && matches!(request.model, DensityModel::Causal { .. })
     {
-        notes.push(format!("no bound by posterior sampling: {refusal}"));
+        notes.push(format!("no bound by annealed importance sampling (AIS): {refusal}"));
     }
     if bounding.noise != design.noise {
         notes.push(WEAK_READ_NOISE.to_owned());

@@ -147,10 +147,10 @@ impl From<&AisProgress> for EstimateProgress {
             if found.samples == 0 { String::new() } else { format!(", {:.3} bits per pixel", found.bits_per_pixel) };
         let seconds = |time: Duration| time.as_secs_f64().ceil() as usize;
         let Some(left) = found.remaining.map(seconds) else {
-            let step = format!("Following the posterior{bits}");
+            let step = format!("Annealed importance sampling{bits}");
             return Self { step, done: found.samples, total: found.most, fit: None, understood: None };
         };
-        let (step, done) = (format!("Following the posterior{bits}, {left} s left"), seconds(found.elapsed));
+        let (step, done) = (format!("Annealed importance sampling{bits}, {left} s left"), seconds(found.elapsed));
         Self { step, done, total: done + left, fit: None, understood: None }
     }
 }
@@ -196,9 +196,9 @@ mod tests {
             bits_per_pixel: 0.25,
         };
         let told = EstimateProgress::from(&found(0, None));
-        assert_eq!((told.step.as_str(), told.done, told.total), ("Following the posterior", 0, 40));
+        assert_eq!((told.step.as_str(), told.done, told.total), ("Annealed importance sampling", 0, 40));
         let told = EstimateProgress::from(&found(10, Some(Duration::from_millis(8_200))));
-        let step = "Following the posterior, 0.250 bits per pixel, 9 s left";
+        let step = "Annealed importance sampling, 0.250 bits per pixel, 9 s left";
         assert_eq!((told.step.as_str(), told.done, told.total), (step, 3, 12));
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use crate::information::BoundMethod;
 use crate::studies::record::{StudyCell, StudyRecord};
 use crate::studies::settings::{StudyDesign, patch_name};
 use crate::studies::tables::density_of;
@@ -86,7 +87,7 @@ impl Axes {
         densities.dedup();
         let published = |cell: &StudyCell| cell.published.map(|published| published.bits_per_pixel);
         let values = record.cells.iter().flat_map(|cell| {
-            [cell.bits_per_pixel(), cell.upper_from("density"), published(cell)].into_iter().flatten()
+            [cell.bits_per_pixel(), cell.upper_from(BoundMethod::Density), published(cell)].into_iter().flatten()
         });
         let largest = values.fold(0.1, f64::max);
         let step = [0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0].into_iter().find(|step| largest / step <= 6.0);
@@ -160,7 +161,7 @@ fn panel(svg: &mut String, record: &StudyRecord, design: &StudyDesign, axes: &Ax
         around.extend(high.iter().rev());
         let _ = writeln!(svg, "<path d=\"{}Z\" {BAND}/>", path(axes, &around));
     }
-    for run in runs(&points(&|cell| cell.upper_from("density"))) {
+    for run in runs(&points(&|cell| cell.upper_from(BoundMethod::Density))) {
         let _ = writeln!(svg, "<path d=\"{}\" {DENSITY} stroke-linecap=\"round\"/>", path(axes, &run));
     }
     // Published densities are fewer than those of the study: the line joins them across the gaps, and marks say where.

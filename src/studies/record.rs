@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
-use crate::information::{Estimate, NUMBERS_VERSION, PairedDifference};
+use crate::information::{BoundMethod, Estimate, NUMBERS_VERSION, PairedDifference};
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
 use crate::studies::published::Published;
@@ -103,13 +103,17 @@ impl StudyCell {
 
     /// Information by the density model alone, bits per pixel: the estimate, or one bound of several.
     pub fn model_bits(&self) -> Option<f64> {
-        if self.estimate.as_ref()?.is_of_one_model() { self.bits_per_pixel() } else { self.upper_from("density") }
+        if self.estimate.as_ref()?.is_of_one_model() {
+            self.bits_per_pixel()
+        } else {
+            self.upper_from(BoundMethod::Density)
+        }
     }
 
     /// Name of the upper bound that the estimate was chosen from; none where it is the bound of one model.
-    pub fn chosen_from(&self) -> Option<&str> {
+    pub fn chosen_from(&self) -> Option<BoundMethod> {
         let estimate = self.estimate.as_ref().filter(|estimate| !estimate.is_of_one_model())?;
-        Some(&estimate.bracket.as_ref()?.upper_from)
+        Some(estimate.bracket.as_ref()?.upper_from)
     }
 
     /// The lower bound, bits per pixel, where one was computed.
@@ -117,16 +121,25 @@ impl StudyCell {
         self.estimate.as_ref()?.lower()
     }
 
-    /// The upper bound of this name ("density", "gaussian", "ceiling" or "posterior sampling") of a bracket, bits per pixel.
-    pub fn upper_from(&self, name: &str) -> Option<f64> {
+    /// The upper bound of a bracket by this method, bits per pixel.
+    pub fn upper_from(&self, method: BoundMethod) -> Option<f64> {
         let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.upper_bounds;
-        bounds.iter().find(|bound| bound.from == name).map(|bound| bound.bits_per_pixel)
+        bounds.iter().find(|bound| bound.from == method).map(|bound| bound.bits_per_pixel)
     }
 
-    /// The lower bound by one means ("decoder", of whichever kind, or "posterior sampling") of a bracket, bits per pixel.
-    pub fn lower_from(&self, means: &str) -> Option<f64> {
+    /// The lower bound of a bracket by a decoder of any kind, bits per pixel.
+    pub fn lower_from_decoder(&self) -> Option<f64> {
+        self.lower_where(BoundMethod::is_decoder)
+    }
+
+    /// The lower bound of a bracket by annealed importance sampling, bits per pixel.
+    pub fn lower_from_ais(&self) -> Option<f64> {
+        self.lower_where(|method| method == BoundMethod::Ais)
+    }
+
+    fn lower_where(&self, is_asked_for: impl Fn(BoundMethod) -> bool) -> Option<f64> {
         let bounds = &self.estimate.as_ref()?.bracket.as_ref()?.lower_bounds;
-        bounds.iter().find(|bound| bound.from.contains(means)).map(|bound| bound.bits_per_pixel)
+        bounds.iter().find(|bound| is_asked_for(bound.from)).map(|bound| bound.bits_per_pixel)
     }
 
     /// The object-entropy bound, bits per pixel, where the entropy of the objects is known.

@@ -95,7 +95,7 @@ impl StudySummary {
         )];
         if self.above_ceiling > 0 {
             lines.push(format!(
-                "{} of {} above the ceiling: loose there, so do not rank designs by them",
+                "{} of {} above the entropy bound: loose there, so do not rank designs by them",
                 self.above_ceiling,
                 counted(self.estimated, "estimate")
             ));

@@ -1,6 +1,6 @@
 //! A study as tables: Markdown for people, CSV for other programs. Information is in bits per pixel.
 
-use crate::information::PairedDifference;
+use crate::information::{BoundMethod, PairedDifference};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::studies::record::{StudyCell, StudyRecord};
@@ -69,19 +69,19 @@ pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String>
         number(cell.bits_per_pixel()),
         number(interval.map(|[low, _]| low)),
         number(interval.map(|[_, high]| high)),
-        cell.chosen_from().unwrap_or_default().to_owned(),
+        cell.chosen_from().map(BoundMethod::name_in_files).unwrap_or_default(),
         number(cell.lower()),
         number(lower_interval.map(|[low, _]| low)),
         number(lower_interval.map(|[_, high]| high)),
-        bracket.and_then(|bracket| bracket.lower_from.clone()).unwrap_or_default(),
-        number(cell.lower_from("decoder")),
-        number(cell.lower_from("posterior sampling")),
-        number(cell.upper_from("posterior sampling")),
-        number(cell.upper_from("density")),
+        bracket.and_then(|bracket| bracket.lower_from).map(BoundMethod::name_in_files).unwrap_or_default(),
+        number(cell.lower_from_decoder()),
+        number(cell.lower_from_ais()),
+        number(cell.upper_from(BoundMethod::Ais)),
+        number(cell.upper_from(BoundMethod::Density)),
         number(cell.difference_to_reference.map(|difference| difference.bits_per_pixel)),
         number(cell.difference_to_reference.map(|difference| difference.interval_95[0])),
         number(cell.difference_to_reference.map(|difference| difference.interval_95[1])),
-        number(cell.upper_from("gaussian")),
+        number(cell.upper_from(BoundMethod::Gaussian)),
         number(cell.ceiling()),
         number(cell.published.map(|published| published.bits_per_pixel)),
         number(published_interval.map(|[low, _]| low)),
@@ -165,7 +165,7 @@ const GRID: [&str; 12] = [
     "lower bound",
     "density bound",
     "first design's - this",
-    "ceiling",
+    "entropy bound",
     "published",
     "estimate - published",
     "seconds",
@@ -190,7 +190,7 @@ fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
 }
 
 const PATCHES: [&str; 7] =
-    ["patch", "estimate", "lower bound", "ceiling", "estimate - sensor", "estimate / sensor", "seconds"];
+    ["patch", "estimate", "lower bound", "entropy bound", "estimate - sensor", "estimate / sensor", "seconds"];
 
 fn patches_row(record: &StudyRecord, cell: &StudyCell) -> Vec<String> {
     let patch = patch_name(cell.patch);
@@ -216,7 +216,7 @@ const BRACKET: [&str; 12] = [
     "from",
     "density bound",
     "Gaussian bound",
-    "ceiling",
+    "entropy bound",
     "published",
     "seconds",
 ];
@@ -227,11 +227,11 @@ fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         cell.design.clone(),
         patch_name(cell.patch),
         lower(cell),
-        bits(cell.lower_from("decoder")),
+        bits(cell.lower_from_decoder()),
         estimate(cell),
         upper_from(cell),
         density(cell),
-        bits(cell.upper_from("gaussian")),
+        bits(cell.upper_from(BoundMethod::Gaussian)),
         bits(cell.ceiling()),
         published(cell),
         seconds(cell),
@@ -247,14 +247,14 @@ fn estimate(cell: &StudyCell) -> String {
 
 /// Name of the bound that the estimate was chosen from.
 fn upper_from(cell: &StudyCell) -> String {
-    cell.chosen_from().map_or(NOTHING.into(), str::to_owned)
+    cell.chosen_from().map_or(NOTHING.into(), |method| method.to_string())
 }
 
 /// The density model's bound, and whether it is above the object-entropy bound.
 fn density(cell: &StudyCell) -> String {
     let told = bits(cell.model_bits());
     let above = cell.model_bits().zip(cell.ceiling()).is_some_and(|(bits, ceiling)| bits > ceiling);
-    if above { format!("{told}, above the ceiling") } else { told }
+    if above { format!("{told}, above the entropy bound") } else { told }
 }
 
 fn lower(cell: &StudyCell) -> String {

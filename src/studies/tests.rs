@@ -8,7 +8,8 @@ use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::FormatError;
 use crate::forward::{Design, open_set};
 use crate::information::{
-    Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial, TrialSettings,
+    BoundMethod, Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial,
+    TrialSettings,
 };
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::{Noise, SensorError};
@@ -41,8 +42,10 @@ fn of(design: &Design, mut estimate: Estimate) -> (Estimate, TestPatches) {
 /// An estimate with a lower and an upper bound; the density model's is a third.
 pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
     let mut estimate = estimated(upper, Some(upper));
-    let bound = |from: &str, bits: f64| NamedBound { from: from.into(), bits_per_pixel: bits, interval_95: [bits; 2] };
-    let mut bracket = Bracket::new(vec![bound("ceiling", upper), bound("density", density)], Vec::new()).unwrap();
+    let bound = NamedBound::exact;
+    let mut bracket =
+        Bracket::new(vec![bound(BoundMethod::EntropyBound, upper), bound(BoundMethod::Density, density)], Vec::new())
+            .unwrap();
     bracket.lower = Some(lower);
     bracket.lower_interval_95 = Some([lower - 0.01, lower + 0.01]);
     estimate.bracket = Some(bracket);
@@ -267,7 +270,7 @@ fn estimates_are_compared_with_published_ones() {
         "| - | - | 0.1400 | - | 0.4000 | 0.1300 (0.1185 to 0.1418) | +0.0100 | 2.0 |",
         "- 3 of 4 estimates (75 %) at most the published value + 0.02 bits per pixel, 3 by the density model alone",
         "- beads:0.02: rank correlation with the published order of 2 designs -1.00",
-        "- 2 of 4 estimates above the ceiling",
+        "- 2 of 4 estimates above the entropy bound",
         "- computed on ",
         "Estimator causal, 60 s for each cell; shot noise",
     ] {
@@ -348,7 +351,7 @@ fn brackets_are_told_with_all_bounds_and_drawn() {
     let text = study.markdown();
     assert!(
         text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (")
-            && text.contains("| ceiling | 0.5000, above the ceiling | - |"),
+            && text.contains("| entropy bound | 0.5000, above the entropy bound | - |"),
         "{text}"
     );
     // The density model's 0.5 lies above the published 0.433 of density 0.05, the object-entropy bound's 0.25 below all.

@@ -37,6 +37,7 @@ const ORDER: [(&str, &[&str]); 3] = [
         "information",
         &[
             "engine_choice",
+            "estimator",
             "error",
             "stopwatch",
             "progress",

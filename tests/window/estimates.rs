@@ -4,7 +4,7 @@ use super::home::at_home;
 use super::*;
 use egui_kittest::kittest::NodeT;
 use lenslet_studio::evaluation::DensityModel;
-use lenslet_studio::information::{EngineChoice, Estimator};
+use lenslet_studio::information::{BoundMethod, EngineChoice, Estimator};
 
 /// Steps frames until `done`, up to a limit in seconds.
 pub fn wait_for(window: &mut Window, what: &str, done: impl Fn(&Window) -> bool) {
@@ -93,7 +93,7 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
     let finished = studio(&window).session().estimates().finished;
     let bracket = finished[0].value.estimate.bracket.clone().expect("a bracket");
     assert!(bracket.lower.unwrap() < bracket.upper);
-    assert!(["ceiling", "posterior sampling"].contains(&bracket.upper_from.as_str()), "{}", bracket.upper_from);
+    assert!([BoundMethod::EntropyBound, BoundMethod::Ais].contains(&bracket.upper_from), "{}", bracket.upper_from);
     assert!(!finished[0].value.curve.is_empty());
     // Information shows the bracket of this design first, until it is edited.
     assert!(window.query_by_label_contains("decoder, ").is_some() || window.query_by_label("AIS").is_some());

@@ -2,15 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::method::BoundMethod;
 use crate::information::ais::bound::AisBound;
 use crate::information::decoder::bound::LowerBound;
 
 /// A lower or upper bound on the information, bits per pixel, and its source.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NamedBound {
-    /// Source. Upper bounds: "density", "gaussian", "ceiling" or "posterior sampling". Lower bounds: "factorised
-    /// decoder", "autoregressive decoder" or "posterior sampling".
-    pub from: String,
+    /// Source.
+    pub from: BoundMethod,
     /// The bound, bits per pixel.
     pub bits_per_pixel: f64,
     /// Its 95 % interval, bits per pixel; both ends are the bound itself where nothing was sampled.
@@ -34,7 +34,7 @@ impl BeadBounds {
         let decoder = &self.decoder;
         vec![
             NamedBound {
-                from: format!("{} decoder", decoder.decoder),
+                from: decoder.decoder.into(),
                 bits_per_pixel: decoder.bits_per_pixel,
                 interval_95: decoder.interval_95,
             },
@@ -43,12 +43,19 @@ impl BeadBounds {
     }
 }
 
+impl NamedBound {
+    /// A bound without sampling: its interval is the bound itself.
+    pub fn exact(from: BoundMethod, bits_per_pixel: f64) -> Self {
+        Self { from, bits_per_pixel, interval_95: [bits_per_pixel; 2] }
+    }
+}
+
 impl From<&AisBound> for NamedBound {
     fn from(bound: &AisBound) -> Self {
         // Information is not negative.
         let known = |bits: f64| if bits < 0.0 { 0.0 } else { bits };
         let (bits_per_pixel, interval_95) = (known(bound.bits_per_pixel), bound.interval_95.map(known));
-        Self { from: "posterior sampling".to_owned(), bits_per_pixel, interval_95 }
+        Self { from: BoundMethod::Ais, bits_per_pixel, interval_95 }
     }
 }
 
@@ -64,13 +71,13 @@ pub struct Bracket {
     /// Its 95 % interval, bits per pixel.
     pub lower_interval_95: Option<[f64; 2]>,
     /// Its source.
-    pub lower_from: Option<String>,
+    pub lower_from: Option<BoundMethod>,
     /// The smallest upper bound, bits per pixel.
     pub upper: f64,
     /// Its 95 % interval, bits per pixel.
     pub upper_interval_95: [f64; 2],
     /// Its source.
-    pub upper_from: String,
+    pub upper_from: BoundMethod,
     /// All upper bounds, the smallest first.
     pub upper_bounds: Vec<NamedBound>,
     /// All lower bounds, the largest first; empty in files of versions with a single lower bound.
@@ -87,10 +94,10 @@ impl Bracket {
         Some(Self {
             lower: lower.map(|bound| bound.bits_per_pixel),
             lower_interval_95: lower.map(|bound| bound.interval_95),
-            lower_from: lower.map(|bound| bound.from.clone()),
+            lower_from: lower.map(|bound| bound.from),
             upper: best.bits_per_pixel,
             upper_interval_95: best.interval_95,
-            upper_from: best.from.clone(),
+            upper_from: best.from,
             upper_bounds,
             lower_bounds,
         })
@@ -121,24 +128,28 @@ impl Bracket {
 mod tests {
     use super::*;
 
-    fn bound(from: &str, bits: f64) -> NamedBound {
-        NamedBound { from: from.to_owned(), bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
+    fn bound(from: BoundMethod, bits: f64) -> NamedBound {
+        NamedBound { from, bits_per_pixel: bits, interval_95: [bits - 0.125, bits + 0.125] }
     }
 
     #[test]
     fn bracket_takes_smallest_upper_and_largest_lower_bound() {
-        let bounds = vec![bound("density", 0.5), bound("gaussian", 0.9), bound("ceiling", 0.4)];
-        let below = vec![bound("decoder", 0.25), bound("posterior sampling", 0.375)];
+        let bounds = vec![
+            bound(BoundMethod::Density, 0.5),
+            bound(BoundMethod::Gaussian, 0.9),
+            bound(BoundMethod::EntropyBound, 0.4),
+        ];
+        let below = vec![bound(BoundMethod::Decoder, 0.25), bound(BoundMethod::Ais, 0.375)];
         let both = Bracket::new(bounds.clone(), below).unwrap();
-        assert_eq!((both.lower, both.lower_from.as_deref()), (Some(0.375), Some("posterior sampling")));
+        assert_eq!((both.lower, both.lower_from), (Some(0.375), Some(BoundMethod::Ais)));
         assert_eq!(both.lower_interval_95, Some([0.25, 0.5]));
         assert!((both.width().unwrap() - 0.025).abs() < 1e-12);
         let bracket = Bracket::new(bounds, Vec::new()).unwrap();
-        assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.4, "ceiling"));
+        assert_eq!((bracket.upper, bracket.upper_from), (0.4, BoundMethod::EntropyBound));
         assert_eq!(bracket.upper_interval_95, [0.4 - 0.125, 0.4 + 0.125]);
         assert_eq!((bracket.lower, bracket.width()), (None, None));
-        let order: Vec<&str> = bracket.upper_bounds.iter().map(|bound| bound.from.as_str()).collect();
-        assert_eq!(order, ["ceiling", "density", "gaussian"]);
+        let order: Vec<BoundMethod> = bracket.upper_bounds.iter().map(|bound| bound.from).collect();
+        assert_eq!(order, [BoundMethod::EntropyBound, BoundMethod::Density, BoundMethod::Gaussian]);
         assert_eq!(Bracket::new(Vec::new(), Vec::new()), None);
     }
 }

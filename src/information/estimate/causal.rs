@@ -4,7 +4,6 @@ use std::time::Instant;
 
 use ndarray::Axis;
 
-use super::estimator::Estimator;
 use super::trial::{Trial, TrialSettings};
 use crate::information::density::causal::conditioning::Moments;
 use crate::information::density::causal::fit::{CausalFit, FitAids, FitLength, Fitted};
@@ -16,6 +15,7 @@ use crate::information::density::causal::shape::CausalShape;
 use crate::information::density::causal::stream::{PatchBatch, PatchStream};
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
+use crate::information::estimator::Estimator;
 use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::plural::counted;

@@ -2,14 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::estimator::Estimator;
 use super::trial::Trial;
 use crate::formats::DocumentKind;
 use crate::information::ais::bound::AisBound;
 use crate::information::bounds::bracket::{BeadBounds, Bracket, NamedBound};
+use crate::information::bounds::method::BoundMethod;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::Protocol;
 use crate::information::error::InformationError;
+use crate::information::estimator::Estimator;
 use crate::plural::counted;
 use crate::sensor::Noise;
 
@@ -178,7 +179,7 @@ impl Estimate {
         provenance: Provenance,
     ) -> Result<Self, InformationError> {
         let mut above = vec![NamedBound {
-            from: "gaussian".to_owned(),
+            from: BoundMethod::Gaussian,
             bits_per_pixel: gaussian.bits_per_pixel(),
             interval_95: gaussian.interval_95(),
         }];
@@ -245,12 +246,8 @@ impl Estimate {
         let mut estimate = Self::new(trials, Provenance { ceiling: None, ..provenance })?;
         estimate.ceiling = ceiling;
         let (density, interval_95) = (estimate.bits_per_pixel, estimate.interval_95);
-        above.push(NamedBound { from: "density".to_owned(), bits_per_pixel: density, interval_95 });
-        above.extend(ceiling.map(|ceiling| NamedBound {
-            from: "ceiling".to_owned(),
-            bits_per_pixel: ceiling,
-            interval_95: [ceiling; 2],
-        }));
+        above.push(NamedBound { from: BoundMethod::Density, bits_per_pixel: density, interval_95 });
+        above.extend(ceiling.map(|ceiling| NamedBound::exact(BoundMethod::EntropyBound, ceiling)));
         if let Some(ceiling) = ceiling.filter(|&ceiling| density > ceiling) {
             estimate.notes.push(format!(
                 "the density model, {density:.3} bits per pixel, exceeds the object-entropy bound {ceiling:.3}: it is loose for these \
@@ -274,13 +271,12 @@ impl Estimate {
         if self.protocol == Protocol::Paper {
             return self;
         }
-        let bound =
-            |from: &str, bits_per_pixel, interval_95| NamedBound { from: from.to_owned(), bits_per_pixel, interval_95 };
         let (above, mut lower) = if let Some(bracket) = self.bracket.take() {
             (bracket.upper_bounds, bracket.lower_bounds)
         } else {
-            let own = bound(&self.estimator.to_string(), self.bits_per_pixel, self.interval_95);
-            let ceiling = self.ceiling.map(|ceiling| bound("ceiling", ceiling, [ceiling; 2]));
+            let from = BoundMethod::Estimator(self.estimator);
+            let own = NamedBound { from, bits_per_pixel: self.bits_per_pixel, interval_95: self.interval_95 };
+            let ceiling = self.ceiling.map(|ceiling| NamedBound::exact(BoundMethod::EntropyBound, ceiling));
             (std::iter::once(own).chain(ceiling).collect(), Vec::new())
         };
         lower.push(below);
@@ -297,7 +293,7 @@ impl Estimate {
 
     /// Whether the number comes from its estimator, not from another upper bound.
     pub fn is_of_one_model(&self) -> bool {
-        let own = self.estimator.to_string();
+        let own = BoundMethod::Estimator(self.estimator);
         self.bracket.as_ref().is_none_or(|bracket| bracket.upper_bounds.iter().any(|bound| bound.from == own))
     }
 

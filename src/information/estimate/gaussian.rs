@@ -5,7 +5,6 @@ use std::time::Instant;
 use ndarray::ArrayView3;
 use serde::{Deserialize, Serialize};
 
-use super::estimator::Estimator;
 use super::trial::{Trial, TrialSettings};
 use crate::information::density::gaussian::dense::{check_patches, check_varied};
 use crate::information::density::gaussian::full::{FullGaussian, check_scored};
@@ -13,6 +12,7 @@ use crate::information::density::gaussian::stationary::StationaryGaussian;
 use crate::information::density::patch_checks::check_clean;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
+use crate::information::estimator::Estimator;
 use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};
 use crate::sensor::Noise;
 

@@ -3,7 +3,6 @@
 pub(in crate::information) mod analytic_moments;
 pub(in crate::information) mod causal;
 pub(in crate::information) mod combined;
-pub(in crate::information) mod estimator;
 pub(in crate::information) mod format;
 pub(in crate::information) mod gaussian;
 pub(in crate::information) mod pixelcnn;

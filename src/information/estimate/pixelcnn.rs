@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use ndarray::{ArrayView3, Axis};
 
-use super::estimator::Estimator;
 use super::trial::{Trial, TrialSettings};
 use crate::information::density::patch_checks::check_clean;
 use crate::information::density::pixelcnn::fit::SCORED_AT_ONCE;
@@ -15,6 +14,7 @@ use crate::information::density::pixelcnn::shape::PixelCnnShape;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
+use crate::information::estimator::Estimator;
 use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::information::progress::{FitProgress, OnProgress};
 use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};

@@ -1,22 +1,26 @@
 //! Tests of estimates from hand-made trials.
 
 use crate::information::{
-    EngineChoice, Estimate, Estimator, InformationError, NamedBound, Protocol, Provenance, Trial, TrialSettings,
+    BoundMethod, EngineChoice, Estimate, Estimator, InformationError, NamedBound, Protocol, Provenance, Trial,
+    TrialSettings,
 };
 use crate::sensor::Noise;
 
 #[test]
 fn lower_bound_leaves_the_number_unchanged() {
-    let below = NamedBound { from: "decoder".into(), bits_per_pixel: 0.2, interval_95: [0.1, 0.3] };
+    let below = NamedBound { from: BoundMethod::Decoder, bits_per_pixel: 0.2, interval_95: [0.1, 0.3] };
     let provenance = || Provenance { ceiling: Some(0.5), ..Provenance::default() };
     let estimate = Estimate::new(&[trial(0.75, 1, Protocol::Default)], provenance()).unwrap();
     assert!((estimate.bits_per_patch - 0.75 * 16.0 * 24.0).abs() < 1e-9);
     let bounded = estimate.clone().with_lower_bound(below.clone());
     let bracket = bounded.bracket.clone().unwrap();
     assert_eq!((bounded.bits_per_pixel, bounded.lower()), (estimate.bits_per_pixel, Some(0.2)));
-    assert_eq!((bracket.upper, bracket.upper_from.as_str()), (0.5, "ceiling"));
+    assert_eq!((bracket.upper, bracket.upper_from), (0.5, BoundMethod::EntropyBound));
     let own = &bracket.upper_bounds[1];
-    assert_eq!((own.from.as_str(), own.bits_per_pixel), ("gaussian-full", estimate.bits_per_pixel));
+    assert_eq!(
+        (own.from, own.bits_per_pixel),
+        (BoundMethod::Estimator(Estimator::GaussianFull), estimate.bits_per_pixel)
+    );
     let higher = NamedBound { bits_per_pixel: 0.4, ..below.clone() };
     let both = bounded.with_lower_bound(higher);
     assert_eq!((both.lower(), both.bracket.unwrap().lower_bounds.len()), (Some(0.4), 2));
@@ -77,7 +81,7 @@ fn estimate_above_entropy_bound_gets_a_note() {
 fn the_smallest_of_several_bounds_is_named() {
     let trials = [trial(0.5, 1, Protocol::Default)];
     let estimate = Estimate::with_bounds(&trials, Vec::new(), Vec::new(), provenance()).unwrap();
-    assert_eq!(estimate.summary(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: ceiling)");
+    assert_eq!(estimate.summary(), "at most 0.4500 bits per pixel [0.4500, 0.4500] (gaussian-full: entropy bound)");
     assert_eq!(Estimate::new(&trials, provenance()).unwrap().upper_from(), "gaussian-full");
 }
 
@@ -99,7 +103,7 @@ fn timed_trials_may_differ_in_patches() {
 fn crossing_bounds_get_a_note() {
     let below = |bits: f64| {
         let bound =
-            NamedBound { from: "decoder".into(), bits_per_pixel: bits, interval_95: [bits - 0.02, bits + 0.02] };
+            NamedBound { from: BoundMethod::Decoder, bits_per_pixel: bits, interval_95: [bits - 0.02, bits + 0.02] };
         Estimate::with_bounds(&[trial(0.5, 1, Protocol::Default)], Vec::new(), vec![bound], provenance()).unwrap()
     };
     assert_eq!(below(0.44).summary(), "between 0.4400 [0.4200, 0.4600] and 0.4500 [0.4500, 0.4500] bits per pixel");
@@ -110,7 +114,7 @@ fn crossing_bounds_get_a_note() {
     assert_eq!((told(&below(0.44)), told(&crossed)), (0, 1), "{:?}", crossed.notes);
     // Later lower bounds are not reported twice either.
     let bound = |bits: f64, half_width: f64| NamedBound {
-        from: "decoder".into(),
+        from: BoundMethod::Decoder,
         bits_per_pixel: bits,
         interval_95: [bits - half_width, bits + half_width],
     };

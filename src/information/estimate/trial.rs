@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::estimator::Estimator;
 use crate::information::density::gaussian::analytic::GaussianBound;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::Protocol;
 use crate::information::error::InformationError;
+use crate::information::estimator::Estimator;
 use crate::information::statistics::bootstrap::{bootstrap_interval, paired_interval};
 use crate::information::statistics::shared_images::SharedImages;
 use crate::plural::{counted, one_or_many};

@@ -6,7 +6,7 @@ use crate::information::{Bracket, NamedBound, PairedDifference, between, rounded
 use crate::studio::panels::parts::{action_entry, tamura_gauge};
 use crate::studio::state::action::Action;
 use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::{BoundSummary, bound_label};
+use crate::studio::state::bound_summary::BoundSummary;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, FITTED, GAUSSIAN, LOWER, SAMPLED};
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
@@ -66,7 +66,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     let (text, name, patch) = match (summary.sensor_bracket(), summary.lower()) {
         _ if let Some((sign, bound)) = &of_sensor => (
             format!("{sign} {}", rounded(bound.bits_per_pixel)),
-            format!("whole sensor: {}", bound_label(&bound.from)),
+            format!("whole sensor: {}", bound.from),
             format!("Whole measurements; below: {rows} x {cols} px patches"),
         ),
         (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
@@ -81,7 +81,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
         ),
         (_, Some(lower)) => (
             between(lower.bits_per_pixel, upper),
-            both(&lower.from, &from),
+            both(&lower.from.to_string(), &from),
             format!("Lower and upper bound for {rows} x {cols} px patches."),
         ),
         _ if summary.upper_bound().is_none() => (
@@ -138,8 +138,8 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     });
     let from = summary
         .sensor_bracket()
-        .and_then(|(_, bracket, _)| Some((bracket.lower_from.as_deref()?, &bracket.upper_from)));
-    let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(below, above)));
+        .and_then(|(_, bracket, _)| Some((bracket.lower_from?.to_string(), bracket.upper_from.to_string())));
+    let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(&below, &above)));
     ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
 }
@@ -152,7 +152,6 @@ fn bound_of_run(run: &RunBounds) -> Option<(char, &NamedBound)> {
 
 /// Sources of lower and upper bound.
 fn both(below: &str, above: &str) -> String {
-    let (below, above) = (bound_label(below), bound_label(above));
     if below == above { below.to_owned() } else { format!("{below}, {above}") }
 }
 
@@ -180,7 +179,8 @@ fn bound_bar(ui: &mut Ui, summary: &BoundSummary<'_>) {
     let density = summary.current_live().map(|live| live.bits_per_pixel);
     let density = density.or_else(|| Some(summary.run.as_ref()?.upper.as_ref()?.bits_per_pixel));
     marks.extend(density.map(|bits| ("density model", bits, DENSITY)));
-    marks.extend(summary.fitted.as_ref().map(|fitted| (fitted.from.as_str(), fitted.bits_per_pixel, FITTED)));
+    let fitted_name = summary.fitted.as_ref().map(|fitted| fitted.from.to_string()).unwrap_or_default();
+    marks.extend(summary.fitted.as_ref().map(|fitted| (fitted_name.as_str(), fitted.bits_per_pixel, FITTED)));
     marks.extend(lower.map(|lower| ("lower bound", lower, LOWER)));
     let sampled = summary.current_live().and_then(|live| live.upper.as_ref());
     marks.extend(sampled.map(|upper| ("AIS upper bound", upper.bits_per_pixel, SAMPLED)));
@@ -246,7 +246,7 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
         }
         if let Some(NamedBound { bits_per_pixel, interval_95, from }) = summary.lower() {
             let hint = "Information that a decoder, or annealed importance sampling (AIS), extracts from new measurements, with 95 % interval";
-            let value = format!("{} {}", with_interval(bits_per_pixel, interval_95), bound_label(&from));
+            let value = format!("{} {}", with_interval(bits_per_pixel, interval_95), from);
             line("Lower bound", value, Some(LOWER), hint);
         }
         if let Some(upper) = summary.current_live().and_then(|live| live.upper.as_ref()) {
@@ -261,7 +261,7 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
         }
         if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &summary.sensor {
             let hint = "Smallest finished estimate of whole measurements of this design, with 95 % interval";
-            let value = format!("{} {}", with_interval(*upper, *upper_interval_95), bound_label(upper_from));
+            let value = format!("{} {}", with_interval(*upper, *upper_interval_95), upper_from);
             line("Whole sensor", value, Some(FITTED), hint);
         }
         let (value, entropies) = live_line(state, summary);
@@ -316,7 +316,7 @@ fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static st
         return (failure.clone(), gaussian);
     }
     if let (None, Some(RunBounds { upper: Some(upper), .. })) = (&summary.live, &summary.run) {
-        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), bound_label(&upper.from));
+        let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
         return (text, gaussian);
     }
     let off = !state.session.is_live();

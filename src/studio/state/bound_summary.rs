@@ -3,20 +3,9 @@
 use std::sync::Arc;
 
 use crate::evaluation::LiveInformation;
-use crate::information::{Bracket, Estimate, NamedBound, Protocol};
+use crate::information::{BoundMethod, Bracket, Estimate, NamedBound, Protocol};
 use crate::studio::state::app_state::State;
 use crate::workbench::{FinishedEstimate, LiveEstimate, Revisioned, RunBounds};
-
-/// Display name of a bound; files store the other names.
-pub fn bound_label(from: &str) -> &str {
-    match from {
-        "ceiling" => "entropy bound",
-        "posterior sampling" => "AIS",
-        "density" => "density model",
-        "gaussian" => "Gaussian bound",
-        other => other,
-    }
-}
 
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {
@@ -91,7 +80,7 @@ impl<'a> BoundSummary<'a> {
     pub fn lower(&self) -> Option<NamedBound> {
         let bracket = self.bracket.as_ref().and_then(|bracket| {
             let (bits_per_pixel, interval_95) = (bracket.lower?, bracket.lower_interval_95?);
-            Some(NamedBound { from: bracket.lower_from.clone()?, bits_per_pixel, interval_95 })
+            Some(NamedBound { from: bracket.lower_from?, bits_per_pixel, interval_95 })
         });
         let live = self.current_live().and_then(|live| live.lower.clone());
         let run = self.run.as_ref().and_then(|run| run.lower.clone());
@@ -129,14 +118,14 @@ impl<'a> BoundSummary<'a> {
             bounds.push((live.bits_per_pixel, "density model".into()));
         }
         if let Some(upper) = self.current_live().and_then(|live| live.upper.as_ref()) {
-            bounds.push((upper.bits_per_pixel, upper.from.clone()));
+            bounds.push((upper.bits_per_pixel, upper.from.to_string()));
         }
-        bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.clone())));
+        bounds.extend(self.fitted.as_ref().map(|fitted| (fitted.bits_per_pixel, fitted.from.to_string())));
         if let Some(bracket) = &self.bracket {
-            bounds.push((bracket.upper, bracket.upper_from.clone()));
+            bounds.push((bracket.upper, bracket.upper_from.to_string()));
         }
         if let Some(upper) = self.run.as_ref().and_then(|run| run.upper.as_ref()) {
-            bounds.push((upper.bits_per_pixel, upper.from.clone()));
+            bounds.push((upper.bits_per_pixel, upper.from.to_string()));
         }
         bounds.into_iter().min_by(|one, other| one.0.total_cmp(&other.0))
     }
@@ -145,8 +134,8 @@ impl<'a> BoundSummary<'a> {
 /// Upper bound of an estimate by one density model.
 fn bound_of(estimate: &Estimate) -> Option<NamedBound> {
     let is_bound = estimate.is_of_one_model() && estimate.protocol == Protocol::Default;
-    is_bound.then(|| NamedBound {
-        from: format!("{} estimate", estimate.estimator),
+    is_bound.then_some(NamedBound {
+        from: BoundMethod::Estimator(estimate.estimator),
         bits_per_pixel: estimate.bits_per_pixel,
         interval_95: estimate.interval_95,
     })

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{
-    AisBound, AisSettings, BeadChannel, Bracket, Decoder, FitCheckpoint, InformationError, NamedBound, OnAis,
-    PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, paired_gain,
+    AisBound, AisSettings, BeadChannel, BoundMethod, Bracket, Decoder, FitCheckpoint, InformationError, NamedBound,
+    OnAis, PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, paired_gain,
 };
 use crate::seeds::SeedStream;
 use crate::workbench::live::estimate::LiveEstimate;
@@ -122,7 +122,7 @@ impl<'a> BeadBoundState<'a> {
         };
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
         self.update_lower(
-            NamedBound { from: "decoder".into(), bits_per_pixel, interval_95 },
+            NamedBound { from: BoundMethod::Decoder, bits_per_pixel, interval_95 },
             BoundSource::Decoder { samples },
         );
     }
@@ -159,8 +159,7 @@ impl<'a> BeadBoundState<'a> {
     /// Both bounds as those of whole measurements, with the object-entropy bound of whole measurements; none where one bound is missing.
     pub fn of_sensor(&self, patch: (usize, usize), ceiling: Option<f64>) -> Option<SensorBounds> {
         let ((lower, by_lower), (upper, by_upper)) = (self.lower.clone()?, self.upper.clone()?);
-        let named =
-            |bits_per_pixel| NamedBound { from: "ceiling".into(), bits_per_pixel, interval_95: [bits_per_pixel; 2] };
+        let named = |bits| NamedBound::exact(BoundMethod::EntropyBound, bits);
         let above = ceiling.map(named).into_iter().chain([upper]).collect();
         Some(SensorBounds { patch, bracket: Bracket::new(above, vec![lower])?, draws: [by_lower, by_upper] })
     }

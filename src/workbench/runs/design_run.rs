@@ -9,7 +9,7 @@ use crate::design::{Checkpoint, IdealEvent, IdealSettings, IdealState, Objective
 use crate::evaluation::scene::Scene;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::forward::Design;
-use crate::information::{EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
+use crate::information::{BoundMethod, EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
 use crate::optics::{Encoder, LensletArray, heuristic_layout, random_layout};
 use crate::studies::StudyRecord;
 use crate::workbench::Live;
@@ -242,7 +242,7 @@ impl DesignRun {
         let newest = || self.checkpoints.len().checked_sub(1).filter(|_| *self.array == *array);
         let checkpoint = &self.checkpoints[at.or_else(newest)?];
         let bound = |bits_per_pixel, interval_95| NamedBound {
-            from: format!("run, step {}", checkpoint.step),
+            from: BoundMethod::Run { step: checkpoint.step },
             bits_per_pixel,
             interval_95,
         };
@@ -362,7 +362,7 @@ mod tests {
         run.checkpoints = Arc::new(vec![checkpoint(0, &first), checkpoint(20, &second)]);
         run.array = Arc::new(newest.clone());
         let told = |step: usize| {
-            Some(NamedBound { from: format!("run, step {step}"), bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })
+            Some(NamedBound { from: BoundMethod::Run { step }, bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })
         };
         let below = |is_of_mask, step| Some(RunBounds { is_of_mask, lower: told(step), upper: None });
         assert_eq!(run.bounds_of(&start, Some((32, 32))), below(true, 0));
