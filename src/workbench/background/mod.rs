@@ -1,4 +1,5 @@
 //! Threads of the workbench, and the list of what they do.
 
 pub mod activity;
+pub mod mailbox;
 pub mod threads;

@@ -66,11 +66,12 @@ impl Work {
     }
 }
 
-/// Pool of threads for one kind of work.
+/// Pool of threads for one kind of work, made when it is first needed.
 pub(crate) struct SpareCores {
     pool: Option<rayon::ThreadPool>,
-    /// Threads of the pool, and the wanted number.
+    /// Threads of the pool, 0 before it is made.
     count: usize,
+    /// Wanted number of threads.
     wanted: Threads,
     work: Work,
 }
@@ -78,8 +79,7 @@ pub(crate) struct SpareCores {
 impl SpareCores {
     /// A pool with the wanted number of threads.
     pub fn new(work: Work, wanted: Threads) -> Self {
-        let count = wanted.count();
-        Self { pool: pool(work, count), count, wanted, work }
+        Self { pool: None, count: 0, wanted, work }
     }
 
     /// Runs `work` on these cores.

@@ -1,29 +1,23 @@
 //! Queue of estimates that take longer than an edit may: the live estimate, refined while the design stays unchanged, and ordered
-//! estimates, one at a time. Both run on one named thread, orders first.
+//! estimates, one at a time and first.
 
 use std::collections::VecDeque;
-use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Condvar, Mutex};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::evaluation::estimation::estimate;
+use crate::evaluation::EvaluationError;
 use crate::evaluation::progress::{EstimateProgress, FitPoint, thin_out};
-use crate::evaluation::request::{DensityModel, EstimateRequest};
+use crate::evaluation::request::DensityModel;
 use crate::evaluation::scene::Scene;
-use crate::formats::{FormatError, create_folder};
+use crate::progress::CancelToken;
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
-use crate::workbench::background::threads::{SpareCores, Threads, Wake, Work, lock};
+use crate::workbench::background::mailbox::Queue;
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use crate::workbench::live::estimate::LiveEstimate;
-use crate::workbench::live::estimator::LiveEstimator;
 use crate::workbench::live::published::{Revisioned, Wanted};
 
 /// Most orders that may wait.
 const MOST_ORDERS: usize = 50;
-/// Time between two reports of progress.
-const TELL_EVERY: Duration = Duration::from_millis(100);
 
 /// The running order.
 #[derive(Clone, Debug)]
@@ -40,6 +34,15 @@ pub struct RunningEstimate {
     pub curve: Vec<FitPoint>,
 }
 
+/// A finished estimate that was deleted, and its place in the list.
+#[derive(Clone)]
+pub struct DeletedEstimate {
+    /// Index in the list of finished estimates.
+    pub place: usize,
+    /// The estimate.
+    pub finished: Revisioned<FinishedEstimate>,
+}
+
 /// Finished and running estimates of the thread.
 #[derive(Clone, Default)]
 pub struct Estimates {
@@ -51,382 +54,270 @@ pub struct Estimates {
     pub running: Option<RunningEstimate>,
     /// All finished orders, also of earlier sessions, oldest first.
     pub finished: Vec<Revisioned<FinishedEstimate>>,
-    /// The finished order that was deleted last and can be brought back, and its place.
-    pub gone: Option<(usize, Revisioned<FinishedEstimate>)>,
-}
-
-/// Handle of the thread. Dropping it stops the current estimate; the thread then ends by itself.
-pub(crate) struct Estimator {
-    shared: Arc<Shared>,
-}
-
-struct Shared {
-    mailbox: Mutex<Mailbox>,
-    arrived: Condvar,
-    estimates: Mutex<Estimates>,
-    /// Folder in which finished, running and waiting orders outlive the program.
-    folder: Mutex<Option<EstimateFolder>>,
-    /// Held while the waiting orders are written to the folder.
-    noting: Mutex<()>,
-    threads: Threads,
-    activities: Activities,
-    /// Newest known revision; a live estimate of an older one is given up.
-    newest: AtomicU64,
-    /// Flag that stops the running order.
-    cancelled: AtomicBool,
-    /// Whether live estimates are wanted. It changes while the mailbox is locked, so that no change is missed before a wait.
-    live: AtomicBool,
-    /// Whether live estimates are paused for something else; changed as `live` is.
-    held: AtomicBool,
-    /// Flag that ends the thread; changed as `live` is.
-    quit: AtomicBool,
-    wake: Wake,
-}
-
-#[derive(Default)]
-struct Mailbox {
-    /// Folder whose contents are to be read before anything else.
-    read: Option<PathBuf>,
-    refine: Option<Refine>,
-    /// Waiting orders, oldest first.
-    orders: VecDeque<(EstimateOrder, Entry)>,
-    /// Whether the waiting orders differ from those in their file.
-    is_to_be_noted: bool,
+    /// The finished order that was deleted last and can be brought back.
+    pub gone: Option<DeletedEstimate>,
 }
 
 /// A request for the live estimate of a design.
 #[derive(Clone)]
-struct Refine {
-    wanted: Wanted,
-    scene: Arc<Scene>,
+pub(crate) struct LiveRequest {
+    pub wanted: Wanted,
+    pub scene: Arc<Scene>,
 }
 
-impl Estimator {
-    /// Starts the thread.
-    ///
-    /// # Errors
-    /// Where the operating system gives no thread.
-    pub fn start(wake: Wake, threads: Threads, activities: Activities) -> std::io::Result<Self> {
-        let shared = Arc::new(Shared {
-            mailbox: Mutex::default(),
-            arrived: Condvar::new(),
-            estimates: Mutex::default(),
-            folder: Mutex::default(),
-            noting: Mutex::default(),
-            threads,
+/// Contents of a folder of estimates.
+pub(crate) struct FolderContents {
+    pub folder: EstimateFolder,
+    pub finished: Vec<FinishedEstimate>,
+    /// The interrupted order, and the reason why it is given up, if it is.
+    pub interrupted: Option<(EstimateOrder, Option<String>)>,
+    pub waiting: Vec<EstimateOrder>,
+}
+
+/// One task of the thread.
+pub(crate) enum EstimateTask {
+    /// Reads a folder.
+    Read(PathBuf),
+    /// Computes an order.
+    Order(Box<EstimateOrder>, Entry),
+    /// Writes the waiting orders, because their file is out of date.
+    WriteWaiting,
+    /// Refines the live estimate of a design.
+    Live(LiveRequest),
+}
+
+/// Answer to a task.
+pub(crate) enum EstimateAnswer {
+    /// The folder was read.
+    Read(Box<FolderContents>),
+    /// The order is finished, with a summary of its result.
+    Finished(Box<FinishedEstimate>, String),
+    /// The order failed, with the reason.
+    Failed(String),
+    /// The order was stopped.
+    Stopped,
+    /// The waiting orders are written.
+    Written,
+    /// The live estimate converged, or ended before.
+    Live(Result<(), EvaluationError>),
+}
+
+/// What runs, and what stops it.
+enum Running {
+    Order(CancelToken),
+    Live { revision: u64, is_published: bool, cancel: CancelToken },
+}
+
+/// Waiting, running and finished estimates.
+pub(crate) struct EstimateQueue {
+    activities: Activities,
+    /// Folder whose contents are to be read before anything else.
+    folder_to_read: Option<PathBuf>,
+    live: Option<LiveRequest>,
+    /// Waiting orders, oldest first.
+    orders: VecDeque<(EstimateOrder, Entry)>,
+    /// Whether the waiting orders differ from those in their file.
+    is_out_of_date: bool,
+    /// Newest known revision; a live estimate of an older one is given up.
+    newest: u64,
+    is_live: bool,
+    /// Whether live estimates are paused for something else.
+    is_held: bool,
+    is_closed: bool,
+    running: Option<Running>,
+    /// Folder in which finished, running and waiting orders outlive the program.
+    folder: Option<EstimateFolder>,
+    estimates: Estimates,
+}
+
+impl EstimateQueue {
+    /// An empty queue that computes live estimates.
+    pub fn new(activities: Activities) -> Self {
+        Self {
             activities,
-            newest: AtomicU64::new(0),
-            cancelled: AtomicBool::new(false),
-            live: AtomicBool::new(true),
-            held: AtomicBool::new(false),
-            quit: AtomicBool::new(false),
-            wake,
-        });
-        let own = Arc::clone(&shared);
-        std::thread::Builder::new().name("lenslet-estimator".into()).spawn(move || run(&own))?;
-        Ok(Self { shared })
+            folder_to_read: None,
+            live: None,
+            orders: VecDeque::new(),
+            is_out_of_date: false,
+            newest: 0,
+            is_live: true,
+            is_held: false,
+            is_closed: false,
+            running: None,
+            folder: None,
+            estimates: Estimates::default(),
+        }
     }
 
-    /// Stores orders in a folder. Existing orders are loaded outside the window's thread, and the interrupted one resumes.
+    /// All estimates.
+    pub fn estimates(&self) -> &Estimates {
+        &self.estimates
+    }
+
+    /// The folder that was read.
+    pub fn folder(&self) -> Option<&EstimateFolder> {
+        self.folder.as_ref()
+    }
+
+    /// Requests that a folder be read.
+    pub fn read(&mut self, folder: PathBuf) {
+        self.folder_to_read = Some(folder);
+    }
+
+    /// Notes a newer design, which makes the present live estimate useless.
+    pub fn supersede(&mut self, revision: u64) {
+        self.newest = self.newest.max(revision);
+        self.cancel_superseded();
+    }
+
+    /// While edits come quickly, each live estimate that was started still gives its first number.
+    fn cancel_superseded(&self) {
+        if let Some(Running::Live { revision, is_published: true, cancel }) = &self.running
+            && *revision < self.newest
+        {
+            cancel.cancel();
+        }
+    }
+
+    /// Cancels the live estimate that is running; it resumes later, unless there is a newer design.
+    fn interrupt_live(&self) {
+        if let Some(Running::Live { cancel, .. }) = &self.running {
+            cancel.cancel();
+        }
+    }
+
+    /// Requests the live estimate of a design; replaces a waiting request.
+    pub fn refine(&mut self, request: LiveRequest) {
+        self.supersede(request.wanted.revision);
+        self.live = Some(request);
+    }
+
+    /// Publishes a number of the running live estimate.
+    pub fn publish_live(&mut self, revision: u64, estimate: LiveEstimate) {
+        self.estimates.live_failure = None;
+        self.estimates.live = Some(Revisioned { revision, value: Arc::new(estimate) });
+        self.note_published();
+    }
+
+    fn note_published(&mut self) {
+        if let Some(Running::Live { is_published, .. }) = &mut self.running {
+            *is_published = true;
+        }
+        self.cancel_superseded();
+    }
+
+    /// Whether live estimates are switched on.
+    pub fn is_live(&self) -> bool {
+        self.is_live
+    }
+
+    /// Switches live estimates on or off.
+    pub fn set_live(&mut self, live: bool) {
+        self.is_live = live;
+        if !live {
+            self.interrupt_live();
+        }
+    }
+
+    /// Whether live estimates are paused.
+    pub fn is_held(&self) -> bool {
+        self.is_held
+    }
+
+    /// Pauses live estimates while something more important computes.
+    pub fn hold(&mut self, hold: bool) {
+        self.is_held = hold;
+        if hold {
+            self.interrupt_live();
+        }
+    }
+
+    /// Adds an order behind earlier ones.
     ///
     /// # Errors
-    /// Where the folder cannot be created.
-    pub fn keep_in(&self, folder: &Path) -> Result<(), FormatError> {
-        create_folder(folder)?;
-        lock(&self.shared.mailbox).read = Some(folder.to_path_buf());
-        self.shared.arrived.notify_one();
+    /// One sentence where too many orders wait.
+    pub fn order(&mut self, order: EstimateOrder) -> Result<(), String> {
+        if self.orders.len() >= MOST_ORDERS {
+            return Err(format!("{MOST_ORDERS} estimates wait already; stop some, or let them come to their end"));
+        }
+        let entry = self.activities.add(ActivityKind::Estimate, order.name());
+        self.orders.push_back((order, entry));
+        self.is_out_of_date = true;
+        self.interrupt_live();
         Ok(())
     }
 
-    /// Whether the next session can resume the running order.
-    pub fn keeps_orders(&self) -> bool {
-        lock(&self.shared.folder).as_ref().is_some_and(EstimateFolder::keeps_orders)
+    /// Stops the running order.
+    pub fn cancel(&mut self) {
+        if let (Some(running), Some(Running::Order(cancel))) = (&mut self.estimates.running, &self.running) {
+            running.progress.step = "stopping".into();
+            cancel.cancel();
+        }
     }
 
-    /// Deletes a finished order and its file; it can be [brought back](Estimator::bring_back).
-    pub fn delete(&self, finished: &Arc<FinishedEstimate>) {
-        let mut estimates = lock(&self.shared.estimates);
+    /// Stops the order of this number in the list of activities, whether it is running or waiting.
+    pub fn cancel_numbered(&mut self, number: u64) {
+        let before = self.orders.len();
+        self.orders.retain(|(_, entry)| entry.number() != number);
+        if self.orders.len() < before {
+            self.is_out_of_date = true;
+        } else if self.estimates.running.as_ref().is_some_and(|running| running.number == number) {
+            self.cancel();
+        }
+    }
+
+    /// The waiting orders, where their file is out of date. It counts as written from then on.
+    pub fn take_out_of_date(&mut self) -> Option<(EstimateFolder, Vec<EstimateOrder>)> {
+        let folder = self.folder.clone().filter(|_| self.is_out_of_date)?;
+        self.is_out_of_date = false;
+        Some((folder, self.orders.iter().map(|(order, _)| order.clone()).collect()))
+    }
+
+    /// Publishes the progress of the running order.
+    pub fn report(&mut self, progress: &EstimateProgress) {
+        if let Some(running) = &mut self.estimates.running {
+            running.curve.extend(progress.fit);
+            thin_out(&mut running.curve);
+            running.progress = progress.clone();
+        }
+    }
+
+    /// Takes the curves of the running order.
+    pub fn take_curve(&mut self) -> Vec<FitPoint> {
+        self.estimates.running.as_mut().map(|running| std::mem::take(&mut running.curve)).unwrap_or_default()
+    }
+
+    /// Deletes a finished order and its file; it can be [brought back](Self::bring_back).
+    pub fn delete(&mut self, finished: &Arc<FinishedEstimate>) {
+        let estimates = &mut self.estimates;
         let Some(place) = estimates.finished.iter().position(|other| Arc::ptr_eq(&other.value, finished)) else {
             return;
         };
-        let gone = estimates.finished.remove(place);
-        estimates.gone = Some((place, gone));
-        if let Some(folder) = &*lock(&self.shared.folder) {
+        estimates.gone = Some(DeletedEstimate { place, finished: estimates.finished.remove(place) });
+        if let Some(folder) = &self.folder {
             folder.delete(finished);
         }
     }
 
     /// Restores the finished order that was deleted last to its place.
-    pub fn bring_back(&self) {
-        let mut estimates = lock(&self.shared.estimates);
-        let Some((place, finished)) = estimates.gone.take() else { return };
-        if let Some(folder) = &*lock(&self.shared.folder) {
+    pub fn bring_back(&mut self) {
+        let Some(DeletedEstimate { place, finished }) = self.estimates.gone.take() else { return };
+        if let Some(folder) = &self.folder {
             folder.bring_back(&finished.value);
         }
-        let place = place.min(estimates.finished.len());
-        estimates.finished.insert(place, finished);
-    }
-
-    /// Notes a newer design, which makes the present live estimate useless.
-    pub fn supersede(&self, revision: u64) {
-        self.shared.newest.fetch_max(revision, Ordering::Relaxed);
-    }
-
-    /// Requests the live estimate of a design; replaces a waiting request.
-    pub fn refine(&self, wanted: Wanted, scene: Arc<Scene>) {
-        self.supersede(wanted.revision);
-        lock(&self.shared.mailbox).refine = Some(Refine { wanted, scene });
-        self.shared.arrived.notify_one();
-    }
-
-    /// Whether live estimates are computed.
-    pub fn is_live(&self) -> bool {
-        self.shared.live.load(Ordering::Relaxed)
-    }
-
-    /// Switches live estimates on or off.
-    pub fn set_live(&self, live: bool) {
-        self.shared.set(&self.shared.live, live);
-    }
-
-    /// Pauses live estimates while something more important computes.
-    pub fn hold(&self, hold: bool) {
-        if self.shared.held.load(Ordering::Relaxed) != hold {
-            self.shared.set(&self.shared.held, hold);
-        }
-    }
-
-    /// Orders an estimate; it is computed after earlier orders.
-    ///
-    /// # Errors
-    /// One sentence where too many orders wait.
-    pub fn order(&self, order: EstimateOrder) -> Result<(), String> {
-        let mut mailbox = lock(&self.shared.mailbox);
-        if mailbox.orders.len() >= MOST_ORDERS {
-            return Err(format!("{MOST_ORDERS} estimates wait already; stop some, or let them come to their end"));
-        }
-        let entry = self.shared.activities.add(ActivityKind::Estimate, order.name());
-        mailbox.orders.push_back((order, entry));
-        mailbox.is_to_be_noted = true;
-        drop(mailbox);
-        self.shared.arrived.notify_one();
-        Ok(())
-    }
-
-    /// Stops the running order.
-    pub fn cancel(&self) {
-        if let Some(running) = &mut lock(&self.shared.estimates).running {
-            running.progress.step = "stopping".into();
-            self.shared.cancelled.store(true, Ordering::Relaxed);
-        }
-    }
-
-    /// Stops the order of this number in the list of activities, whether it is running or waiting.
-    pub fn cancel_numbered(&self, number: u64) {
-        let mut mailbox = lock(&self.shared.mailbox);
-        let before = mailbox.orders.len();
-        mailbox.orders.retain(|(_, entry)| entry.number() != number);
-        let waited = mailbox.orders.len() < before;
-        mailbox.is_to_be_noted |= waited;
-        drop(mailbox);
-        if !waited && lock(&self.shared.estimates).running.as_ref().is_some_and(|running| running.number == number) {
-            self.cancel();
-        }
-    }
-
-    /// A copy of all estimates.
-    pub fn estimates(&self) -> Estimates {
-        lock(&self.shared.estimates).clone()
-    }
-}
-
-impl Drop for Estimator {
-    fn drop(&mut self) {
-        // There is no need to wait for the thread: its files are complete or absent, and it ends at its next step.
-        self.shared.set(&self.shared.quit, true);
-        let is_computing = lock(&self.shared.estimates).running.is_some();
-        if let Some(folder) = lock(&self.shared.folder).as_ref().filter(|_| is_computing) {
-            folder.leave();
-        }
-        self.shared.note_waiting();
-    }
-}
-
-enum Task {
-    Read(PathBuf),
-    Order(Box<EstimateOrder>, Entry),
-    Refine(Refine),
-}
-
-/// Failure of an order.
-struct Failed {
-    text: String,
-    /// Whether it is about a file that may be there another time; the order's checkpoint is then kept.
-    may_pass: bool,
-}
-
-fn run(shared: &Shared) {
-    let mut cores = SpareCores::new(Work::Estimate, shared.threads.clone());
-    let mut refiner = LiveEstimator::default();
-    while let Some(task) = next_task(shared) {
-        let done = cores.run(|| match &task {
-            Task::Read(folder) => {
-                shared.take_up(EstimateFolder::open(folder.clone()));
-                Ok(None)
-            }
-            Task::Order(order, entry) => shared.compute(order, entry).map(Some),
-            Task::Refine(wanted) => {
-                shared.refine(&mut refiner, wanted);
-                Ok(None)
-            }
-        });
-        let done = done.unwrap_or_else(|text| Err(Some(Failed { text, may_pass: false })));
-        if let (Task::Order(..), Some(folder)) = (&task, lock(&shared.folder).as_ref()) {
-            match &done {
-                Err(Some(failed)) if failed.may_pass => folder.leave(),
-                // An order interrupted by the end of the program is left for the next session.
-                Err(_) if shared.quit.load(Ordering::Relaxed) => {}
-                _ => folder.end(),
-            }
-        }
-        match (task, done) {
-            (Task::Order(_, entry), Ok(Some(text))) => entry.end(Ok(text)),
-            (Task::Order(_, entry), Err(Some(failed))) => entry.end(Err(failed.text)),
-            (Task::Refine(Refine { wanted, .. }), Err(Some(failed))) => {
-                refiner = LiveEstimator::default();
-                lock(&shared.estimates).live_failure = Some((wanted.revision, failed.text));
-            }
-            _ => {}
-        }
-        lock(&shared.estimates).running = None;
-        if !shared.quit.load(Ordering::Relaxed) {
-            shared.note_waiting();
-        }
-        (shared.wake)();
-    }
-}
-
-/// Waits for the next task; `None` ends the thread.
-fn next_task(shared: &Shared) -> Option<Task> {
-    let mut mailbox = lock(&shared.mailbox);
-    loop {
-        if shared.quit.load(Ordering::Relaxed) {
-            return None;
-        }
-        if let Some(folder) = mailbox.read.take() {
-            return Some(Task::Read(folder));
-        }
-        if let Some((order, entry)) = mailbox.orders.pop_front() {
-            mailbox.is_to_be_noted = true;
-            shared.cancelled.store(false, Ordering::Relaxed);
-            lock(&shared.estimates).running = Some(RunningEstimate {
-                number: entry.number(),
-                model: order.request.model,
-                revision: order.revision,
-                progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None, understood: None },
-                curve: Vec::new(),
-            });
-            return Some(Task::Order(Box::new(order), entry));
-        }
-        if shared.wants_live()
-            && let Some(refine) = mailbox.refine.take()
-        {
-            return Some(Task::Refine(refine));
-        }
-        mailbox = shared.arrived.wait(mailbox).unwrap_or_else(std::sync::PoisonError::into_inner);
-    }
-}
-
-impl Shared {
-    /// Changes a flag that the thread checks before it waits.
-    fn set(&self, flag: &AtomicBool, value: bool) {
-        let mailbox = lock(&self.mailbox);
-        flag.store(value, Ordering::Relaxed);
-        drop(mailbox);
-        self.arrived.notify_one();
-    }
-
-    fn wants_live(&self) -> bool {
-        self.live.load(Ordering::Relaxed) && !self.held.load(Ordering::Relaxed)
-    }
-
-    /// Computes an order. Returns a summary of its result, the reason of its failure, or nothing where it was stopped.
-    fn compute(&self, order: &EstimateOrder, entry: &Entry) -> Result<String, Option<Failed>> {
-        entry.begin();
-        let began = Instant::now();
-        let mut told = began;
-        let mut watch = |progress: &EstimateProgress| {
-            if self.quit.load(Ordering::Relaxed) || self.cancelled.load(Ordering::Relaxed) {
-                return ControlFlow::Break(());
-            }
-            if told.elapsed() >= TELL_EVERY {
-                told = Instant::now();
-                self.note_waiting();
-                if let Some(running) = &mut lock(&self.estimates).running {
-                    running.curve.extend(progress.fit);
-                    thin_out(&mut running.curve);
-                    running.progress = progress.clone();
-                }
-                let share = progress.done as f64 / progress.total.max(1) as f64;
-                entry.tell(&progress.step, Some(share), order.request.time_left(began.elapsed(), share));
-                (self.wake)();
-            }
-            ControlFlow::Continue(())
-        };
-        let EstimateOrder { design, measured, .. } = order;
-        let folder = lock(&self.folder).clone();
-        let keep = folder.as_ref().and_then(|folder| folder.begin(order));
-        // The order no longer waits.
-        self.note_waiting();
-        let request = &EstimateRequest { keep, ..order.request.clone() };
-        let told = |text: String, is_cancelled: bool, may_pass: bool| {
-            let is_kept = may_pass && request.keep.is_some();
-            let later =
-                if is_kept { "; the estimate goes on in the next window, or when it is started again" } else { "" };
-            (!is_cancelled).then(|| Failed { text: format!("{text}{later}"), may_pass })
-        };
-        let estimated = match measured {
-            Some(measured) => measured
-                .estimate(request, design.noise, design.seed, &mut watch)
-                .map_err(|error| told(error.to_string(), error.is_cancelled(), error.may_pass())),
-            None => estimate(design, request, &mut watch)
-                .map_err(|error| told(error.to_string(), error.is_cancelled(), error.may_pass())),
-        };
-        let estimate = estimated?;
-        let curve = lock(&self.estimates).running.take().map(|running| running.curve).unwrap_or_default();
-        let mut text = estimate.summary();
-        let mut finished = FinishedEstimate::new(order.clone(), estimate, curve);
-        if let Some(folder) = folder
-            && let Err(error) = folder.keep(&mut finished)
-        {
-            text = format!("{text}; it is not kept for another day: {error}");
-        }
-        lock(&self.estimates).finished.push(Revisioned { revision: order.revision, value: Arc::new(finished) });
-        Ok(text)
-    }
-
-    /// Writes the waiting orders, where their file is out of date.
-    fn note_waiting(&self) {
-        // The last writer writes the newest orders.
-        let _turn = lock(&self.noting);
-        let Some(folder) = lock(&self.folder).clone() else { return };
-        let orders: Vec<EstimateOrder> = {
-            let mut mailbox = lock(&self.mailbox);
-            if !std::mem::take(&mut mailbox.is_to_be_noted) {
-                return;
-            }
-            mailbox.orders.iter().map(|(order, _)| order.clone()).collect()
-        };
-        folder.note_waiting(&orders);
+        let place = place.min(self.estimates.finished.len());
+        self.estimates.finished.insert(place, finished);
     }
 
     /// Loads the finished orders of earlier sessions, the interrupted one and the waiting ones.
-    fn take_up(&self, folder: EstimateFolder) {
-        let earlier = folder.read().into_iter().map(|finished| Revisioned { revision: 0, value: Arc::new(finished) });
-        lock(&self.estimates).finished.splice(0..0, earlier);
+    fn load(&mut self, contents: FolderContents) {
+        let FolderContents { folder, finished, interrupted, waiting } = contents;
+        let finished = finished.into_iter().map(|finished| Revisioned { revision: 0, value: Arc::new(finished) });
+        self.estimates.finished.splice(0..0, finished);
         let mut orders = VecDeque::new();
-        if let Some((order, given_up)) = folder.interrupted() {
-            let entry = self.activities.add(ActivityKind::Estimate, format!("{}, which was interrupted", order.name()));
+        if let Some((order, given_up)) = interrupted {
+            let name = format!("{}, which was interrupted", order.name());
+            let entry = self.activities.add(ActivityKind::Estimate, name);
             match given_up {
                 None => orders.push_back((order, entry)),
                 Some(why) => {
@@ -435,49 +326,94 @@ impl Shared {
                 }
             }
         }
-        for order in folder.waiting() {
+        for order in waiting {
             let entry = self.activities.add(ActivityKind::Estimate, order.name());
             orders.push_back((order, entry));
         }
-        let mut mailbox = lock(&self.mailbox);
         // Orders since then come later.
-        orders.append(&mut mailbox.orders);
-        mailbox.orders = orders;
-        drop(mailbox);
-        *lock(&self.folder) = Some(folder);
+        orders.append(&mut self.orders);
+        self.orders = orders;
+        self.folder = Some(folder);
     }
 
-    fn refine(&self, refiner: &mut LiveEstimator, order: &Refine) {
-        let Refine { wanted: Wanted { revision, design, before }, scene } = order;
-        let revision = *revision;
-        if revision < self.newest.load(Ordering::Relaxed) {
-            return;
-        }
-        let published = AtomicBool::new(false);
-        let mut publish = |estimate: LiveEstimate| {
-            published.store(true, Ordering::Relaxed);
-            let mut estimates = lock(&self.estimates);
-            estimates.live_failure = None;
-            estimates.live = Some(Revisioned { revision, value: Arc::new(estimate) });
-            drop(estimates);
-            (self.wake)();
-        };
-        // While edits come quickly, each estimate that was started still gives its first number.
-        let stop = || {
-            let superseded = revision < self.newest.load(Ordering::Relaxed) && published.load(Ordering::Relaxed);
-            let unwanted = self.quit.load(Ordering::Relaxed) || !self.wants_live();
-            superseded || unwanted || !lock(&self.mailbox).orders.is_empty()
-        };
-        match refiner.refine((design, before.as_ref()), scene, &mut publish, &stop) {
+    /// Notes the end of a live estimate. One that was interrupted resumes later, unless there is a newer design.
+    fn end_live(&mut self, request: LiveRequest, result: Result<(), EvaluationError>) {
+        let revision = request.wanted.revision;
+        match result {
             Ok(()) => {}
             Err(error) if error.is_cancelled() => {
-                // An order or the switch interrupted it: it resumes afterwards, unless there is a newer design.
-                let mut mailbox = lock(&self.mailbox);
-                if revision >= self.newest.load(Ordering::Relaxed) && mailbox.refine.is_none() {
-                    mailbox.refine = Some(order.clone());
+                if revision >= self.newest && self.live.is_none() {
+                    self.live = Some(request);
                 }
             }
-            Err(error) => lock(&self.estimates).live_failure = Some((revision, error.to_string())),
+            Err(error) => self.estimates.live_failure = Some((revision, error.to_string())),
         }
+    }
+}
+
+impl Queue for EstimateQueue {
+    type Task = EstimateTask;
+    type Answer = EstimateAnswer;
+
+    fn next(&mut self, cancel: &CancelToken) -> Option<EstimateTask> {
+        if self.is_closed {
+            return None;
+        }
+        if let Some(folder) = self.folder_to_read.take() {
+            return Some(EstimateTask::Read(folder));
+        }
+        if let Some((order, entry)) = self.orders.pop_front() {
+            self.is_out_of_date = true;
+            self.running = Some(Running::Order(cancel.clone()));
+            self.estimates.running = Some(RunningEstimate {
+                number: entry.number(),
+                model: order.request.model,
+                revision: order.revision,
+                progress: EstimateProgress { step: "Waiting".into(), done: 0, total: 1, fit: None, understood: None },
+                curve: Vec::new(),
+            });
+            entry.begin();
+            return Some(EstimateTask::Order(Box::new(order), entry));
+        }
+        if self.is_out_of_date && self.folder.is_some() {
+            return Some(EstimateTask::WriteWaiting);
+        }
+        if !self.is_live || self.is_held {
+            return None;
+        }
+        let request = self.live.take().filter(|request| request.wanted.revision >= self.newest)?;
+        let revision = request.wanted.revision;
+        self.running = Some(Running::Live { revision, is_published: false, cancel: cancel.clone() });
+        Some(EstimateTask::Live(request))
+    }
+
+    fn end(&mut self, task: EstimateTask, answer: Result<EstimateAnswer, String>) {
+        self.running = None;
+        self.estimates.running = None;
+        match (task, answer) {
+            (_, Ok(EstimateAnswer::Read(contents))) => self.load(*contents),
+            (EstimateTask::Order(order, entry), Ok(EstimateAnswer::Finished(finished, summary))) => {
+                let finished = Revisioned { revision: order.revision, value: Arc::new(*finished) };
+                self.estimates.finished.push(finished);
+                entry.end(Ok(summary));
+            }
+            (EstimateTask::Order(_, entry), Ok(EstimateAnswer::Failed(message))) => entry.end(Err(message)),
+            (EstimateTask::Order(_, entry), Err(panic)) => {
+                if let Some(folder) = &self.folder {
+                    folder.end();
+                }
+                entry.end(Err(panic));
+            }
+            (EstimateTask::Live(request), Ok(EstimateAnswer::Live(result))) => self.end_live(request, result),
+            (EstimateTask::Live(request), Err(panic)) => {
+                self.estimates.live_failure = Some((request.wanted.revision, panic));
+            }
+            // The entry of an order that was stopped is dropped without an end.
+            _ => {}
+        }
+    }
+
+    fn close(&mut self) {
+        self.is_closed = true;
     }
 }

@@ -3,5 +3,6 @@
 pub mod commands;
 pub mod evaluator;
 pub mod job;
+pub mod queue;
 pub mod record;
 pub mod worker;
