@@ -3,13 +3,14 @@
 
 mod training;
 
-use std::ops::ControlFlow;
 use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::information::{
-    CausalFit, CausalModel, CausalShape, FitLength, InformationError, Init, Moments, PatchBatch, PatchStream,
+    CausalFit, CausalModel, CausalShape, FitContext, FitLength, FitStep, InformationError, Init, Moments, PatchBatch,
+    PatchStream,
 };
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use ndarray::Array3;
 use training::{Gradients, causal_shapes, products_alone, training_time};
@@ -30,8 +31,9 @@ impl PatchStream for Same {
 fn time_of_steps(model: &CausalModel, stream: &Same, steps: u64) -> Duration {
     let mut model = model.clone();
     let fit = CausalFit::new(FitLength::Steps(usize::MAX), 1);
-    training_time(steps, |on_progress| {
-        assert!(fit.fit(&mut model, stream, on_progress).is_err(), "stopped before the last step");
+    training_time(steps, |progress| {
+        let on_step = &mut |step: &FitStep<'_>| progress.report(&step.progress);
+        assert!(fit.fit(&mut model, &FitContext::new(stream), on_step).is_err(), "stopped before the last step");
     })
 }
 
@@ -47,7 +49,7 @@ fn training_step(criterion: &mut Criterion) {
     let (stream, shapes) = (Same(batch), causal_shapes());
     // A step as most of a fit are: unfitted densities expect little, and what they do not expect is summed in double precision.
     let first = CausalFit::new(FitLength::Steps(400), 1);
-    first.fit(&mut model, &stream, &mut |_| ControlFlow::Continue(())).expect("a fitted model");
+    first.fit(&mut model, &FitContext::new(&stream), &mut CancelToken::new()).expect("a fitted model");
     let mut group = criterion.benchmark_group("causal");
     group.sample_size(10).measurement_time(Duration::from_secs(10));
     group.bench_function("step", |bencher| {

@@ -2,13 +2,13 @@
 //! measurements, 32x32 patches).
 
 use std::hint::black_box;
-use std::ops::ControlFlow;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::evaluation::{Optics, Scene, SceneTables};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{NoiseEntropy, Protocol};
 use lenslet_studio::optics::{Encoder, modulation_transfer, render_psf};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sparsity::tamura_of_stack;
 use ndarray::Axis;
 
@@ -16,7 +16,7 @@ fn edit(criterion: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("one thread");
     let design = Design::default();
     let Encoder::Lenslets(array) = &design.encoder else { unreachable!("the default design has lenslets") };
-    let scene = Scene::open(&design, &|_| ControlFlow::Continue(())).expect("beads need no file");
+    let scene = Scene::open(&design, &mut CancelToken::new()).expect("beads need no file");
     let prepared = SceneTables::new(&scene, design.encoder.grid()).expect("objects are larger than the PSF");
     let optics = Optics::of(&design, 1).expect("the default design renders");
     let measurements = prepared.measure(&design, &optics, &scene).expect("shapes fit");

@@ -5,17 +5,18 @@
 
 mod training;
 
-use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::design::{GradientDraw, IdealOptimizer, IdealSettings, Objective, Preset};
 use lenslet_studio::forward::ForwardModel;
 use lenslet_studio::information::{
-    CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitLength, FrozenDensity, bead_response_gradient,
+    CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitContext, FitLength, FrozenDensity,
+    bead_response_gradient,
 };
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, Split};
 use lenslet_studio::optics::{Limits, psf_gradient, random_layout, render_psf};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::{Noise, Patches};
 use ndarray::Array3;
 use training::{Gradients, causal_shapes, decoder_shapes, products_alone};
@@ -34,7 +35,7 @@ fn time_of_rounds(ideal: &mut IdealOptimizer<'_>, count: u64) -> Duration {
     for _ in 0..count {
         // So far ahead that neither its end nor an occasion to move a dark lenslet is near.
         ideal.extend_to(8 * (ideal.state().step + 2 * ideal.settings().refit_every));
-        ideal.advance(&mut |_| ControlFlow::Continue(())).expect("a round");
+        ideal.advance(&mut CancelToken::new()).expect("a round");
     }
     started.elapsed()
 }
@@ -49,7 +50,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
     let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
     let start = random_layout(25, 1);
     let mut ideal = IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).expect("a run");
-    ideal.advance(&mut |_| ControlFlow::Continue(())).expect("the first round");
+    ideal.advance(&mut CancelToken::new()).expect("the first round");
     let draw = GradientDraw { split: Split::Train, objects: settings.objects, patches: settings.patches, seed: 1 };
     let shapes = causal_shapes();
     let mut group = criterion.benchmark_group("ideal");
@@ -57,7 +58,7 @@ fn up_a_density_model(criterion: &mut Criterion) {
     group.bench_function("gradient of a step", |bencher| {
         bencher.iter(|| {
             let model = ideal.density_model().expect("a density model");
-            forward.gradient(&start, &draw, model.patch(), model).expect("a gradient")
+            forward.gradient(&start, &draw, model.patch(), model, &mut CancelToken::new()).expect("a gradient")
         });
     });
     let objects = set.objects(Split::Train, settings.objects, 1).expect("objects");
@@ -85,7 +86,9 @@ fn up_a_density_model(criterion: &mut Criterion) {
     let normals = Array3::from_shape_fn(clean.dim(), |(n, r, c)| ((n * 7 + r * 5 + c * 3) % 9) as f32 * 0.25 - 1.0);
     group.bench_function("likelihood and its gradient", |bencher| {
         let model = ideal.density_model().expect("a density model");
-        bencher.iter(|| model.information_gradient(clean.view(), normals.view()).expect("a likelihood"));
+        bencher.iter(|| {
+            model.information_gradient(clean.view(), normals.view(), &mut CancelToken::new()).expect("a likelihood")
+        });
     });
     group.bench_function("its products alone", |bencher| {
         bencher.iter(|| products_alone(&shapes, PIXELS, settings.patches, Gradients::Inputs));
@@ -97,7 +100,8 @@ fn up_a_density_model(criterion: &mut Criterion) {
         let model = ideal.density_model().expect("a density model").clone();
         let stream = forward.stream(forward.convolver(psf.view()).expect("optics"), Split::Train, model.patch());
         let fit = CausalFit::new(FitLength::Steps(settings.refit), 1);
-        bencher.iter(|| fit.fit(&mut model.clone(), &stream, &mut |_| ControlFlow::Continue(())).expect("a refit"));
+        bencher
+            .iter(|| fit.fit(&mut model.clone(), &FitContext::new(&stream), &mut CancelToken::new()).expect("a refit"));
     });
     group.bench_function("the products of a round alone", |bencher| {
         bencher.iter(|| {
@@ -150,7 +154,7 @@ fn up_the_posterior(criterion: &mut Criterion) {
         let fit = DecoderFit::of_steps(settings.refit, DecoderKind::Autoregressive, 1);
         bencher.iter(|| {
             let mut refit = DecoderRefit::new(fit.clone(), decoder).expect("a refit");
-            refit.advance_to(&channel, settings.refit, &mut |_| ControlFlow::Continue(())).expect("a refit");
+            refit.advance_to(&channel, settings.refit, &mut CancelToken::new()).expect("a refit");
         });
     });
     group.bench_function("the products of such a round alone", |bencher| {

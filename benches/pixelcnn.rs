@@ -29,9 +29,9 @@ fn shapes(vertical: &[(usize, usize)]) -> Vec<(usize, usize)> {
 /// Time of `steps` steps of a fit on this engine.
 fn time_of_steps(patches: &Array3<f32>, engine: EngineChoice, steps: u64) -> Duration {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
-    training_time(steps, |on_progress| {
+    training_time(steps, |progress| {
         let fit = PixelCnnFit { engine, steps_per_epoch: 1 << 20, ..PixelCnnFit::paper(1) };
-        let fit = fit.fit(PixelCnnShape::default(), 1.0, training, None, on_progress);
+        let fit = fit.fit(PixelCnnShape::default(), 1.0, training, None, progress);
         assert!(fit.is_err(), "stopped before the first epoch ends");
     })
 }

@@ -2,8 +2,6 @@
 //!
 //! `cargo run --example bracket_of_beads`
 
-use std::ops::ControlFlow;
-
 use lenslet_studio::prelude::*;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -15,7 +13,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // A number of steps in place of a time: the same seed gives the same numbers.
     let request = EstimateRequest::new(Estimator::Bracket).with_patch(8, 8).with_patches(500, 40).with_steps(5);
-    let result = estimate(&design, &request, &mut |_| ControlFlow::Continue(()))?;
+    let result = estimate(&design, &request, &mut CancelToken::new())?;
 
     let bracket = result.bracket.as_ref().ok_or("expected bounds, found one estimate")?;
     for bound in &bracket.lower_bounds {

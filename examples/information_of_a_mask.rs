@@ -2,8 +2,6 @@
 //!
 //! `cargo run --example information_of_a_mask`
 
-use std::ops::ControlFlow;
-
 use lenslet_studio::prelude::*;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -12,7 +10,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     for lenslets in [1, 4, 9] {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(lenslets)), ..Design::default() };
-        let result = estimate(&design, &request, &mut |_| ControlFlow::Continue(()))?;
+        let result = estimate(&design, &request, &mut CancelToken::new())?;
         let [low, high] = result.interval_95;
         println!("{}: at most {:.3} [{low:.3}, {high:.3}] bits per pixel", result.encoder, result.bits_per_pixel);
     }

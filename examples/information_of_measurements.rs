@@ -2,8 +2,6 @@
 //!
 //! `cargo run --example information_of_measurements`
 
-use std::ops::ControlFlow;
-
 use lenslet_studio::prelude::*;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -18,10 +16,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     write_array(&file, grey.view().into_dyn())?;
 
     // The noise is that of the photons.
-    let watch = &mut |_: &_| ControlFlow::Continue(());
-    let images = MeasuredImages::open(&MeasuredSource::from(file.clone()), &calibration, watch)?;
+    let progress = &mut CancelToken::new();
+    let images = MeasuredImages::open(&MeasuredSource::from(file.clone()), &calibration, progress)?;
     let request = EstimateRequest::new(Estimator::GaussianStationary).with_patch(16, 16).with_patches(1_000, 300);
-    let result = images.estimate(&request, Noise::Shot, 1, watch)?;
+    let result = images.estimate(&request, Noise::Shot, 1, progress)?;
     println!("{}: {:.3} bits per pixel", result.objects, result.bits_per_pixel);
     for note in &result.notes {
         println!("note: {note}");

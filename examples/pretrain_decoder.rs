@@ -5,7 +5,7 @@
 
 mod training_data;
 
-use lenslet_studio::information::{Decoder, DecoderFit};
+use lenslet_studio::information::{Decoder, DecoderFit, DecoderPretrainProgress, DecoderPretrainStep};
 use training_data::{Arguments, WeightsFile, training_channel};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -18,14 +18,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => (Decoder::new(unrolled.unwrap_or(Decoder::UNROLLED), seed)?, DecoderFit::RATE),
     };
     let mut file = WeightsFile::new(&out);
-    let fitted = decoder.fit_generally(
-        &|number| training_channel(seed, number),
-        (budget, seed, rate),
-        &mut |progress, snapshot| {
-            let (steps, channels, bits) = (progress.steps, progress.channels, progress.saved_bits);
-            let status = format!("{steps} steps, {channels} channels, information gain {bits:.4} bits per pixel");
-            file.update(&status, &|| snapshot().to_bytes())
-        },
-    );
+    let on_step = &mut |step: &DecoderPretrainStep<'_>| {
+        let DecoderPretrainProgress { steps, channels, saved_bits: bits, .. } = step.progress;
+        let status = format!("{steps} steps, {channels} channels, information gain {bits:.4} bits per pixel");
+        file.update(&status, &|| step.decoder().to_bytes())
+    };
+    let fitted = decoder.fit_generally(&|number| training_channel(seed, number), (budget, seed, rate), on_step);
     file.finish(fitted, decoder.to_bytes())
 }

@@ -4,7 +4,7 @@
 
 mod training_data;
 
-use lenslet_studio::information::PretrainedWeights;
+use lenslet_studio::information::{PretrainProgress, PretrainStep, PretrainedWeights};
 use training_data::{Arguments, WeightsFile, training_scene};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -14,9 +14,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         None => PretrainedWeights::new(seed),
     };
     let mut file = WeightsFile::new(&out);
-    let fitted = weights.fit(&|number| training_scene(seed, number), (budget, seed), &mut |progress, snapshot| {
-        let (steps, scenes, bits) = (progress.steps, progress.scenes, progress.bits);
-        file.update(&format!("{steps} steps, {scenes} scenes, {bits:.4} bits per pixel"), &|| snapshot().to_bytes())
-    });
+    let on_step = &mut |step: &PretrainStep<'_>| {
+        let PretrainProgress { steps, scenes, bits, .. } = step.progress;
+        file.update(&format!("{steps} steps, {scenes} scenes, {bits:.4} bits per pixel"), &|| step.weights().to_bytes())
+    };
+    let fitted = weights.fit(&|number| training_scene(seed, number), (budget, seed), on_step);
     file.finish(fitted, weights.to_bytes())
 }

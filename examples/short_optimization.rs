@@ -2,8 +2,6 @@
 //!
 //! `cargo run --example short_optimization`
 
-use std::ops::ControlFlow;
-
 use lenslet_studio::prelude::*;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -32,7 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let mut optimizer = IdealOptimizer::new(&model, &start, Limits::default(), settings)?;
     while !optimizer.is_finished() {
-        optimizer.advance(&mut |_| ControlFlow::Continue(()))?;
+        optimizer.advance(&mut CancelToken::new())?;
     }
 
     for checkpoint in &optimizer.state().checkpoints {

@@ -2,13 +2,12 @@
 //!
 //! ```
 //! use lenslet_studio::prelude::*;
-//! use std::ops::ControlFlow;
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! // Two lenslets image beads under shot noise.
 //! let design = Design { encoder: Encoder::Lenslets(heuristic_layout(2)), ..Design::default() };
 //! let request = EstimateRequest::new(Estimator::GaussianStationary).with_patch(8, 8).with_patches(400, 100);
-//! let result = estimate(&design, &request, &mut |_| ControlFlow::Continue(()))?;
+//! let result = estimate(&design, &request, &mut CancelToken::new())?;
 //! assert!(result.bits_per_pixel > 0.0);
 //! # Ok(())
 //! # }
@@ -25,6 +24,9 @@ pub use crate::formats::{FormatError, PixelStack, read_stack, write_array};
 pub use crate::forward::{ForwardError, ForwardModel, Simulated};
 pub use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 pub use crate::sensor::Noise;
+
+// Progress and cancellation.
+pub use crate::progress::{CancelToken, Progress};
 
 // Estimates and bounds.
 pub use crate::evaluation::{

@@ -10,6 +10,8 @@ use lenslet_studio::information::{
     CausalFit, CausalModel, CausalRequest, Estimator, FitCheckpoint, FitLength, InformationError, Init, PatchBatch,
     PatchStream, causal_estimate, causal_model,
 };
+use lenslet_studio::information::{FitContext, FitProgress, FitStep};
+use lenslet_studio::progress::CancelToken;
 use ndarray::Axis;
 
 /// A few patches, repeated endlessly.
@@ -51,7 +53,7 @@ fn a_fit_whose_numbers_run_away_is_given_up() {
     let request = request(&study, &stream, &test, 500);
     let mut model = causal_model(&request).unwrap();
     let fit = CausalFit { rate: f64::from(f32::MAX), ..CausalFit::new(request.length, request.seed) };
-    let result = fit.fit(&mut model, &stream, &mut |_| ControlFlow::Continue(()));
+    let result = fit.fit(&mut model, &FitContext::new(&stream), &mut CancelToken::new());
     assert!(matches!(result, Err(InformationError::Diverged { refused: 30 })), "{result:?}");
 }
 
@@ -63,7 +65,7 @@ fn what_a_fit_learns_by_heart_is_not_kept() {
     let estimate = |validation, keeper, stop_at| {
         let request = CausalRequest { validation, keeper, ..request(&study, &few, &test, 1000) };
         let mut first = None;
-        let estimate = causal_estimate(&request, &mut |progress| {
+        let estimate = causal_estimate(&request, &mut |progress: &FitProgress| {
             first.get_or_insert(progress.step);
             if progress.step == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
@@ -92,11 +94,12 @@ fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
         let request = request(&study, &few, &test, 1000);
         let (mut model, mut late) = (causal_model(&request).unwrap(), f64::NAN);
         let fit = CausalFit::new(request.length, request.seed);
-        let ended = fit.fit_watched(&mut model, (&few, validation), &mut |progress, snapshot| {
-            if progress.step < 900 {
-                return ControlFlow::Continue(None);
+        let context = FitContext { validation, ..FitContext::new(&few) };
+        let ended = fit.fit(&mut model, &context, &mut |step: &FitStep<'_>| {
+            if step.progress.step < 900 {
+                return ControlFlow::Continue(());
             }
-            late = bits(&snapshot());
+            late = bits(&step.model());
             ControlFlow::Break(())
         });
         assert_eq!(ended.unwrap_err(), InformationError::Cancelled);
@@ -154,7 +157,7 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
             seed: 4,
         };
         let mut steps = 0;
-        let estimate = causal_estimate(&request, &mut |progress| {
+        let estimate = causal_estimate(&request, &mut |progress: &FitProgress| {
             steps += usize::from(progress.scored.is_none());
             if steps == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });

@@ -9,8 +9,10 @@ use lenslet_studio::information::{
     LowerBound, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, decoder_lower_bound,
     paired_gain,
 };
+use lenslet_studio::information::{DecoderPretrainStep, DecoderProgress};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet};
 use lenslet_studio::optics::{heuristic_layout, render_psf};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, array};
 use rand::{RngExt, SeedableRng};
@@ -70,7 +72,7 @@ fn exact(channel: &BeadChannel, draws: usize) -> (f64, f64) {
 
 fn fitted(channel: &BeadChannel, kind: DecoderKind, steps: usize, seed: u64) -> (LowerBound, Decoder) {
     let fit = DecoderFit { unrolled: 3, batch: 8, half_width: 0.004, ..DecoderFit::of_steps(steps, kind, seed) };
-    decoder_lower_bound(channel, &fit, None, None, &mut |_| ControlFlow::Continue(())).unwrap()
+    decoder_lower_bound(channel, &fit, None, None, &mut CancelToken::new()).unwrap()
 }
 
 #[test]
@@ -128,7 +130,7 @@ fn a_start_helps_and_must_fit() {
     let (_, decoder) = fitted(&channel, DecoderKind::Factorised, 300, 1);
     let decoder = Decoder::from_bytes(&decoder.to_bytes().unwrap()).unwrap();
     let fit = DecoderFit { unrolled: 3, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
-    let on = &mut |_: &_| ControlFlow::Continue(());
+    let on = &mut CancelToken::new();
     let (warm, _) = decoder_lower_bound(&channel, &fit, Some(&decoder), None, on).unwrap();
     let (cold, _) = decoder_lower_bound(&channel, &fit, None, None, on).unwrap();
     assert!(warm.bits_per_pixel > cold.bits_per_pixel + 0.05, "{warm:?} {cold:?}");
@@ -144,11 +146,11 @@ fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
     let psf = render_psf(&heuristic_layout(9), 1).unwrap();
     let channel = forward.bead_channel(psf.view(), (32, 32)).unwrap();
     let shipped = Decoder::shipped().unwrap();
-    let told = |decoder: &Decoder| decoder_information(decoder, &channel, (5, 256), 0..512, &|| true).unwrap();
+    let told =
+        |decoder: &Decoder| decoder_information(decoder, &channel, (5, 256), 0..512, &mut CancelToken::new()).unwrap();
     let fitted = |rate: f64| {
         let fit = DecoderFit { rate, max_test: 1, ..DecoderFit::of_steps(120, DecoderKind::Autoregressive, 3) };
-        let (_, decoder) =
-            decoder_lower_bound(&channel, &fit, Some(shipped), None, &mut |_| ControlFlow::Continue(())).unwrap();
+        let (_, decoder) = decoder_lower_bound(&channel, &fit, Some(shipped), None, &mut CancelToken::new()).unwrap();
         paired_gain(&told(shipped), &told(&decoder))
     };
     let ((on, half_width), (anew, _)) = (fitted(DecoderFit::RATE_ON), fitted(DecoderFit::RATE));
@@ -162,7 +164,7 @@ fn a_break_cancels_within_a_step_and_within_the_test() {
     for (steps, calls) in [(usize::MAX, 3), (0, 1)] {
         let fit = DecoderFit::of_steps(steps, DecoderKind::Factorised, 1);
         let mut count = 0;
-        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| {
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_: &DecoderProgress| {
             count += 1;
             if count == calls { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
@@ -175,7 +177,7 @@ fn a_break_cancels_within_a_step_and_within_the_test() {
 fn a_budget_is_kept_and_told() {
     let fit = DecoderFit::within(Duration::from_millis(300), DecoderKind::Factorised, 1);
     let mut told = Vec::new();
-    let (bound, _) = decoder_lower_bound(&toy(Noise::Shot), &fit, None, None, &mut |progress| {
+    let (bound, _) = decoder_lower_bound(&toy(Noise::Shot), &fit, None, None, &mut |progress: &DecoderProgress| {
         told.push(*progress);
         ControlFlow::Continue(())
     })
@@ -195,7 +197,7 @@ fn fits_that_do_nothing_are_refused() {
         (DecoderFit { unrolled: 0, ..good.clone() }, "unrolled steps"),
         (DecoderFit { max_test: 0, ..good }, "test sample"),
     ] {
-        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(()));
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut CancelToken::new());
         let message = result.unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
     }
@@ -224,20 +226,21 @@ fn the_decoder_of_the_program_bounds_at_once_what_it_was_never_fitted_to() {
         [(Noise::Shot, 10.0), (Noise::ShotRead { sigma: 3.0 }, 25.0), (Noise::Read { sigma: 5.0 }, 10.0)]
     {
         let channel = BeadChannel { spot: three_lenslets(), probability: 0.02, bias, noise, patch: (20, 24) };
-        let bound = PretrainedLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap().unwrap();
+        let bound = PretrainedLowerBound::new(&channel, (512, 0.0), 4, &mut CancelToken::new()).unwrap().unwrap();
         let ceiling = BeadEntropyBound::new(channel.probability).unwrap();
         let ceiling = ceiling.evaluate(channel.spot.view(), bias, channel.patch, noise).unwrap().bits_per_pixel;
         assert!(bound.interval_95[0] <= ceiling, "{noise}: {bound:?} {ceiling}");
         assert!(bound.bits_per_pixel > 0.6 * ceiling, "{noise}: {bound:?} {ceiling}");
         assert_eq!(bound.samples, 512);
         // Equal seeds give equal bits.
-        assert_eq!(Some(bound), PretrainedLowerBound::new(&channel, (512, 0.0), 4, &|| true).unwrap());
+        assert_eq!(Some(bound), PretrainedLowerBound::new(&channel, (512, 0.0), 4, &mut CancelToken::new()).unwrap());
     }
     let channel = toy(Noise::Shot);
     let (truth, error) = exact(&channel, 4000);
-    let bound = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &|| true).unwrap().unwrap();
+    let bound = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &mut CancelToken::new()).unwrap().unwrap();
     assert!(bound.interval_95[0] <= truth + 3.0 * error, "{bound:?} {truth}");
-    let stopped = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &|| false);
+    let stopped =
+        PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &mut |_: &DecoderProgress| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(InformationError::Cancelled)), "{stopped:?}");
 }
 
@@ -247,18 +250,18 @@ fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
     let mut decoder = Decoder::new(2, 1).unwrap();
     let before = decoder.clone();
     let mut heard = 0;
-    let outcome =
-        decoder.fit_generally(&channel, (Duration::from_hours(1), 3, DecoderFit::RATE), &mut |progress, snapshot| {
-            heard += 1;
-            assert_eq!(progress.steps, heard);
-            assert!(progress.channels >= 16 && progress.saved_bits.is_finite());
-            assert_ne!(snapshot().weights(), before.weights());
-            if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        });
+    let mut on_step = |step: &DecoderPretrainStep<'_>| {
+        heard += 1;
+        assert_eq!(step.progress.steps, heard);
+        assert!(step.progress.channels >= 16 && step.progress.saved_bits.is_finite());
+        assert_ne!(step.decoder().weights(), before.weights());
+        if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    };
+    let settings = (Duration::from_hours(1), 3, DecoderFit::RATE);
+    let outcome = decoder.fit_generally(&channel, settings, &mut on_step);
     assert!(matches!(outcome, Err(InformationError::Cancelled)));
     let broken = |_: u64| Ok(BeadChannel { probability: 2.0, ..toy(Noise::Shot) });
-    let outcome = decoder
-        .fit_generally(&broken, (Duration::from_hours(1), 3, DecoderFit::RATE), &mut |_, _| ControlFlow::Continue(()));
+    let outcome = decoder.fit_generally(&broken, settings, &mut CancelToken::new());
     assert!(matches!(outcome, Err(InformationError::Probability { .. })));
 }
 
@@ -272,17 +275,23 @@ fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
     let channel = BeadChannel { spot, probability: 0.06, bias: 10.0, noise: Noise::Shot, patch: (8, 8) };
     let decoder = Decoder::shipped().unwrap();
     let followed = |samples, half_width, seed| AisSettings { samples, half_width, ..AisSettings::of_levels(16, seed) };
-    let go_on = |_: &_| ControlFlow::Continue(());
     let at_once = |samples, half_width, seed| {
-        let bound = PretrainedLowerBound::new(&channel, (samples, half_width), seed, &|| true).unwrap().unwrap();
+        let bound =
+            PretrainedLowerBound::new(&channel, (samples, half_width), seed, &mut CancelToken::new()).unwrap().unwrap();
         (bound.bits_per_pixel, bound.interval_95, bound.samples)
     };
     let told = |bound: AisBound| (bound.bits_per_pixel, bound.interval_95, bound.samples);
     let below = |samples, half_width, seed| {
-        told(ais_lower_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on }).unwrap())
+        told(
+            ais_lower_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut CancelToken::new())
+                .unwrap(),
+        )
     };
     let above = |samples, half_width, seed| {
-        told(ais_upper_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut { go_on }).unwrap())
+        told(
+            ais_upper_bound(&channel, &followed(samples, half_width, seed), decoder, None, &mut CancelToken::new())
+                .unwrap(),
+        )
     };
     let bounds: [(&str, Bound<'_>); 3] = [("decoder", &at_once), ("from below", &below), ("from above", &above)];
     for (name, bound) in bounds {

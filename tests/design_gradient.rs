@@ -1,13 +1,13 @@
 //! Gradient of information with respect to the mask, against finite differences and in a case with a known answer.
 
-use std::ops::ControlFlow;
-
 use lenslet_studio::design::{GradientScene, information_gradient};
+use lenslet_studio::information::FitContext;
 use lenslet_studio::information::{
     CausalFit, CausalModel, CausalShape, FitLength, InformationError, Init, Moments, PatchBatch, PatchStream,
 };
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{LensletArray, heuristic_layout, render_psf};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::{Convolution, DEFAULT_BIAS, Noise, Patches};
 use ndarray::Array3;
 use rand::SeedableRng;
@@ -37,7 +37,7 @@ fn fitted(stream: &Measured<'_>, steps: usize) -> CausalModel {
     let moments = Moments::of_patches(sample.noisy.view()).unwrap();
     let mut model = CausalModel::new(CausalShape::default(), Noise::Shot, &sample, &moments, Init::Random, 2).unwrap();
     let fit = CausalFit::new(FitLength::Steps(steps), 3);
-    fit.fit(&mut model, stream, &mut |_| ControlFlow::Continue(())).unwrap();
+    fit.fit(&mut model, &FitContext::new(stream), &mut CancelToken::new()).unwrap();
     model
 }
 
@@ -62,7 +62,7 @@ fn the_gradient_of_a_mask_is_that_of_finite_differences() {
         patches: &patches,
         normals: normals.view(),
     };
-    let value = |array: &LensletArray| information_gradient(array, &scene, &model).unwrap();
+    let value = |array: &LensletArray| information_gradient(array, &scene, &model, &mut CancelToken::new()).unwrap();
     let here = value(&array);
     assert!(here.bits_per_pixel > 0.1 && here.bits_per_pixel < 3.0, "{}", here.bits_per_pixel);
     for (index, gradient) in here.lenslets.iter().enumerate() {

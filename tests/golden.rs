@@ -12,6 +12,7 @@ use lenslet_studio::design::{IdealProgress, Objective};
 use lenslet_studio::evaluation::EvaluationError;
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::studies::StudyRecord;
 use lenslet_studio::workbench::{Record, RunStore, Session, Snapshots, run_ideal};
 
@@ -111,8 +112,7 @@ fn runs_are_resumed() {
         };
         let from = Some(&state[..]);
         let design = &order.starts[at].design;
-        let ended =
-            run_ideal(design, &order.settings, from, &|_| ControlFlow::Continue(()), &mut |_| Ok(()), &mut watch);
+        let ended = run_ideal(design, &order.settings, from, &mut CancelToken::new(), &mut |_| Ok(()), &mut watch);
         assert!(ended.as_ref().is_err_and(EvaluationError::is_cancelled) && resumed, "{name}: {ended:?}");
     }
 }

@@ -2,8 +2,6 @@
 
 mod common;
 
-use std::ops::ControlFlow;
-
 use common::known_truths::{GaussianField, KnownTruth, OneBead, TwoRates};
 use common::stream::StudyStream;
 use lenslet_studio::information::{
@@ -11,6 +9,7 @@ use lenslet_studio::information::{
     PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
     gaussian_estimate, paired_interval,
 };
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, Axis, s};
 use rand::{RngExt, SeedableRng};
@@ -60,7 +59,7 @@ fn small_network(sample: &Sample) -> Found {
     let shape = PixelCnnShape::new(16, 8, vec![1, 2]).unwrap();
     let patches =
         TrainingPatches { noisy: sample.train.view(), clean: Some((sample.train_clean.view(), sample.noise)) };
-    let (model, _) = fit.fit(shape, 1.0, patches, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let (model, _) = fit.fit(shape, 1.0, patches, None, &mut CancelToken::new()).unwrap();
     let test = if dequantise { dequantised(&sample.test, 5) } else { sample.test.clone() };
     let test = test.slice(s![..300, .., ..]);
     let cross_entropy = model.cross_entropy_bits(test).unwrap();
@@ -86,7 +85,7 @@ fn live(sample: &Sample) -> Found {
         estimator: Model::Causal,
         seed: 8,
     };
-    let (trial, _) = causal_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let (trial, _) = causal_estimate(&request, &mut CancelToken::new()).unwrap();
     (trial.bits_per_pixel(), trial.interval_95())
 }
 

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use lenslet_studio::formats::{FormatError, PixelStack, read_cifar, read_idx, write_array, write_png8};
-use lenslet_studio::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Split};
+use lenslet_studio::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, ReadProgress, Split};
 use ndarray::{Array2, Array3, Array4, ArrayView2, Axis};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -213,7 +213,8 @@ fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
     assert_eq!(scaled, "objects are scaled from 100 x 100 px to 96 x 96 px");
     let understood = "2 images of 100 x 100 px in 2 files, several number types, range 0 to 252";
     assert_eq!(set.understood(), Some(understood));
-    let cancelled = ObjectSet::open_with(&source, &ObjectOptions::default(), &|_| ControlFlow::Break(()));
+    let cancelled =
+        ObjectSet::open_with(&source, &ObjectOptions::default(), &mut |_: &ReadProgress| ControlFlow::Break(()));
     assert!(matches!(cancelled, Err(ObjectError::Cancelled)));
 
     write_array(&folder.path().join("d.npy"), picture(f32::NAN).view()).unwrap();

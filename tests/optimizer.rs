@@ -10,6 +10,7 @@ use lenslet_studio::forward::{Design, ForwardModel};
 use lenslet_studio::information::{InformationError, NoiseEntropy, PatchBatch, Protocol, binary_entropy, score};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet, ObjectSource, Split};
 use lenslet_studio::optics::{Encoder, Lenslet, LensletArray, Limits, Spot, render_psf};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::seeds::SeedStream;
 use lenslet_studio::sensor::{Noise, Patches};
 use lenslet_studio::workbench::run_ideal;
@@ -79,7 +80,7 @@ fn forward_model(set: &ObjectSet) -> ForwardModel {
 fn run<'a>(forward: &'a ForwardModel, start: &LensletArray, settings: IdealSettings) -> IdealOptimizer<'a> {
     let mut ideal = IdealOptimizer::new(forward, start, Limits::default(), settings).unwrap();
     while !ideal.is_finished() {
-        ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        ideal.advance(&mut CancelToken::new()).unwrap();
     }
     ideal
 }
@@ -228,16 +229,16 @@ fn goes_on_bit_for_bit(settings: &IdealSettings) {
     let new = || IdealOptimizer::new(&forward, &two(), Limits::default(), settings()).unwrap();
     let to_its_end = |ideal: &mut IdealOptimizer<'_>| {
         while !ideal.is_finished() {
-            ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            ideal.advance(&mut CancelToken::new()).unwrap();
         }
     };
     let mut first = new();
-    first.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+    first.advance(&mut CancelToken::new()).unwrap();
     let bytes = first.to_bytes().unwrap();
     // Steps after the last saved state are lost with the process.
     let mut last = bytes.clone();
     let stopped = loop {
-        let told = first.advance(&mut |progress| {
+        let told = first.advance(&mut |progress: &IdealProgress<'_>| {
             if progress.state.step == 4 + 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
         match told {
@@ -375,10 +376,9 @@ fn test_pictures_are_unseen_by_a_run() {
     assert_eq!(tested.len(), 4);
     let trained: Vec<usize> = (0..20).filter(|index| !tested.contains(index)).collect();
     let result = |design: &Design| {
-        let go_on = |_: &IdealProgress<'_>| ControlFlow::Continue(());
         let settings = IdealSettings { steps: 4, ..settings() };
-        let reading = |_| ControlFlow::Continue(());
-        run_ideal(design, &settings, None, &reading, &mut |_| Ok(()), &mut { go_on }).unwrap()
+        let never = CancelToken::new();
+        run_ideal(design, &settings, None, &mut never.clone(), &mut |_| Ok(()), &mut never.clone()).unwrap()
     };
     let told = |design: &Design| {
         let record = result(design);
@@ -399,9 +399,8 @@ fn a_run_that_ends_above_the_ceiling_says_so() {
     let design = |density: &str| Design { objects: density.parse().unwrap(), ..Design::default() };
     let settings = IdealSettings { steps: 1, patch: Some((16, 16)), first_fit: 20, last_fit: 20, ..settings() };
     let notices = |design: &Design, settings: &IdealSettings| {
-        let go_on = |_: &IdealProgress<'_>| ControlFlow::Continue(());
-        let reading = |_| ControlFlow::Continue(());
-        run_ideal(design, settings, None, &reading, &mut |_| Ok(()), &mut { go_on }).unwrap().notices
+        let never = CancelToken::new();
+        run_ideal(design, settings, None, &mut never.clone(), &mut |_| Ok(()), &mut never.clone()).unwrap().notices
     };
     let sparse = notices(&design("beads:0.008"), &settings);
     assert!(sparse.len() == 1 && sparse[0].contains("above the object-entropy bound"), "{sparse:?}");

@@ -5,10 +5,12 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use lenslet_studio::formats::read_npz_f64;
+use lenslet_studio::information::FitProgress;
 use lenslet_studio::information::{
     BurnDevice, DataScale, EngineChoice, InformationError, PixelCnn, PixelCnnFit, PixelCnnRequest, PixelCnnShape,
     Protocol, TrainingPatches, Trial, gaussian_entropy, pixelcnn_estimate, poisson_entropy,
 };
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, ArrayD, Axis, s};
 use rand::{RngExt, SeedableRng};
@@ -108,7 +110,7 @@ fn threads_do_not_change_a_bit() {
         let fit = PixelCnnFit { seed, ..fit.clone() };
         let training = TrainingPatches { noisy: patches.view(), clean: None };
         let shape = PixelCnnShape::new(16, 5, vec![1, 2]).unwrap();
-        let fitted = pool.install(|| fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())));
+        let fitted = pool.install(|| fit.fit(shape, 1.0, training, None, &mut CancelToken::new()));
         let (model, report) = fitted.unwrap();
         (model.weights().to_vec(), report.epochs.iter().map(|epoch| epoch.1).collect::<Vec<_>>())
     };
@@ -255,7 +257,7 @@ fn a_fit_goes_the_same_way_on_all_engines() {
     let fit = |&engine: &EngineChoice| {
         let fit = PixelCnnFit { batch: 8, steps_per_epoch: 5, max_epochs: 2, engine, ..PixelCnnFit::standard(5) };
         let shape = PixelCnnShape::new(8, 4, vec![1, 2]).unwrap();
-        fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())).unwrap().1
+        fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap().1
     };
     let fits: Vec<_> = engines.iter().map(fit).collect();
     for (choice, report) in engines.iter().zip(&fits) {
@@ -308,7 +310,7 @@ fn an_estimate_bounds_the_information_from_above() {
         engine: EngineChoice::Cpu,
         seed: 3,
     };
-    let (trial, model) = pixelcnn_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap();
+    let (trial, model) = pixelcnn_estimate(&request, &mut CancelToken::new()).unwrap();
     let (found, truth) = (trial.bits_per_pixel(), information_of_two_rates());
     assert!(found > truth - half_width(&trial), "{found} below {truth}");
     assert!(trial.notes()[0].contains("new noise"), "{:?}", trial.notes());
@@ -324,7 +326,7 @@ fn independent_pixels_are_bounded_tightly() {
     let training = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
     let fit = PixelCnnFit { batch: 16, steps_per_epoch: 150, max_epochs: 2, ..PixelCnnFit::standard(3) };
     let shape = PixelCnnShape::new(16, 12, vec![1]).unwrap();
-    let (model, report) = fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let (model, report) = fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap();
     assert_eq!(report.steps, 300);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let test = pixels_of_two_rates(2000, 4, 2).1.mapv(|count| count + rng.random::<f32>());
@@ -343,7 +345,7 @@ fn a_budget_ends_a_fit_and_says_whether_that_was_early() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let run = |fit: PixelCnnFit| {
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
-        fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())).unwrap().1
+        fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap().1
     };
     let (short, long) = (Some(Duration::from_millis(30)), Some(Duration::from_hours(1)));
     let early = run(PixelCnnFit { budget: short, ..PixelCnnFit::paper(1) });
@@ -371,7 +373,7 @@ fn steps_without_finite_numbers_are_refused() {
         let fit = PixelCnnFit { rate: 1e30, engine, ..PixelCnnFit::paper(1) };
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
         let mut steps = 0;
-        let fitted = fit.fit(shape, 1.0, training, None, &mut |progress| {
+        let fitted = fit.fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
             steps = progress.step;
             ControlFlow::Continue(())
         });
@@ -386,7 +388,7 @@ fn a_fit_is_cancelled_at_the_step_that_is_told() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let mut seen = Vec::new();
     let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
-    let found = PixelCnnFit::paper(1).fit(shape, 1.0, training, None, &mut |progress| {
+    let found = PixelCnnFit::paper(1).fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
         seen.push(progress.step);
         if progress.step == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -402,7 +404,7 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
     let fit = PixelCnnFit { steps_per_epoch: 5, patience: Some(3), ..PixelCnnFit::paper(1) };
-    let (model, report) = fit.fit(shape, 1.0, training, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let (model, report) = fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap();
     let bits: Vec<f64> = report.epochs.iter().map(|epoch| epoch.1).collect();
     let best = bits.iter().copied().fold(f64::INFINITY, f64::min);
     assert!((bits[report.best_epoch - 1] - best).abs() < 1e-12);
@@ -411,12 +413,9 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
     assert!(!report.cut_short && report.refused == 0);
     assert!(model.weights().iter().all(|weight| weight.is_finite()));
     // A warm start from this fit is better at once.
-    let (_, warm) =
-        PixelCnnFit { max_epochs: 1, ..fit.clone() }
-            .fit(PixelCnnShape::new(8, 4, vec![1]).unwrap(), 1.0, training, Some(&model), &mut |_| {
-                ControlFlow::Continue(())
-            })
-            .unwrap();
+    let (_, warm) = PixelCnnFit { max_epochs: 1, ..fit.clone() }
+        .fit(PixelCnnShape::new(8, 4, vec![1]).unwrap(), 1.0, training, Some(&model), &mut CancelToken::new())
+        .unwrap();
     assert!(warm.epochs[0].1 < bits[0], "{} {}", warm.epochs[0].1, bits[0]);
 }
 
@@ -429,7 +428,7 @@ fn epochs_end_with_their_last_step() {
     let shape = PixelCnnShape::new(2, 2, vec![1]).unwrap();
     let mut epochs = Vec::new();
     let (_, report) = fit
-        .fit(shape, 1.0, training, None, &mut |progress| {
+        .fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
             epochs.push((progress.step, progress.epoch));
             ControlFlow::Continue(())
         })
@@ -457,7 +456,7 @@ fn bad_patches_get_reasons() {
             engine: EngineChoice::Cpu,
             seed: 1,
         };
-        pixelcnn_estimate(&request, &mut |_| ControlFlow::Continue(())).unwrap_err()
+        pixelcnn_estimate(&request, &mut CancelToken::new()).unwrap_err()
     };
     let constant = Array3::from_elem((100, 4, 4), 7.0);
     assert_eq!(estimate(&constant, &noisy, None), InformationError::Constant { value: 7.0 });

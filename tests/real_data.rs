@@ -7,6 +7,7 @@ use lenslet_studio::formats::read_stack;
 use lenslet_studio::forward::{Design, ForwardModel};
 use lenslet_studio::information::{Estimate, Protocol};
 use lenslet_studio::optics::{Encoder, heuristic_layout};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use lenslet_studio::sparsity::tamura_of_stack;
 use lenslet_studio::workbench::{MeasurementFormat, measure_into};
@@ -45,7 +46,7 @@ fn estimated(design: &Design, model: DensityModel) -> Estimate {
         keep: None,
         weights: WeightsFiles::default(),
     };
-    estimate(design, &request, &mut |_| std::ops::ControlFlow::Continue(())).unwrap()
+    estimate(design, &request, &mut CancelToken::new()).unwrap()
 }
 
 #[test]

@@ -5,8 +5,9 @@ use std::hint::black_box;
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
-use lenslet_studio::information::{FitProgress, OnProgress};
+use lenslet_studio::information::FitProgress;
 use lenslet_studio::nn::{Write, matmul_transposed_lhs, matmul_transposed_rhs, product};
+use lenslet_studio::progress::Progress;
 use rayon::prelude::*;
 
 /// (inputs, outputs) of all products of the forward pass of the causal density model for one pixel.
@@ -67,7 +68,7 @@ pub fn products_alone(shapes: &[(usize, usize)], pixels: usize, chunks: usize, g
 }
 
 /// Time of `steps` steps of a fit, after a first one that fills the caches; the fit is then stopped.
-pub fn training_time(steps: u64, fit: impl FnOnce(OnProgress<'_>)) -> Duration {
+pub fn training_time(steps: u64, fit: impl FnOnce(&mut dyn Progress<FitProgress>)) -> Duration {
     let (mut begun, mut taken) = (Instant::now(), Duration::ZERO);
     fit(&mut |progress: &FitProgress| {
         match progress.step as u64 {

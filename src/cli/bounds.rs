@@ -12,7 +12,7 @@ use super::output;
 use crate::evaluation::{EvaluationError, LiveInformation, Optics, Scene, SceneTables, pretrained_lower_bound};
 use crate::forward::{Design, notices_of};
 use crate::information::{NamedBound, NoiseEntropy, Protocol, with_interval};
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 
 /// Arguments of `bounds`.
 #[derive(Args, Debug)]
@@ -115,7 +115,7 @@ impl Information {
 }
 
 /// Reports how the files of the objects were interpreted.
-fn reading(progress: Progress) -> ControlFlow<()> {
+fn reading(progress: &ReadProgress) -> ControlFlow<()> {
     progress.understood.iter().for_each(output::report);
     ControlFlow::Continue(())
 }
@@ -123,13 +123,13 @@ fn reading(progress: Progress) -> ControlFlow<()> {
 impl DesignBounds {
     /// Opens the objects of a design and computes its upper bounds and Tamura coefficients.
     pub fn open(design: &Design) -> anyhow::Result<Self> {
-        let scene = Scene::open(design, &reading)?;
+        let scene = Scene::open(design, &mut reading)?;
         Self::of(design, &scene).map_err(|error| about_objects(design, error))
     }
 
     /// The same with the lower bound of the pretrained decoder.
     pub fn with_lower_bound(design: &Design) -> anyhow::Result<Self> {
-        let scene = Scene::open(design, &reading)?;
+        let scene = Scene::open(design, &mut reading)?;
         let mut bounds = Self::of(design, &scene).map_err(|error| about_objects(design, error))?;
         if let Some(information) = &mut bounds.information {
             // Without a lower bound the other numbers are printed.

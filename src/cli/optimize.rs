@@ -445,11 +445,10 @@ fn lines_of(record: &IdealRecord, start: &Checkpoint, end: &Checkpoint) -> Vec<S
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::*;
     use crate::information::Estimator;
     use crate::objects::ObjectSource;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
     use crate::studies::{StudyDesign, StudyKind, StudyObjects};
 
@@ -473,7 +472,7 @@ mod tests {
         };
         let score = |lenslets| {
             let mut study = open_score(settings(lenslets), run.path()).unwrap();
-            study.run(&mut |_| ControlFlow::Continue(())).unwrap();
+            study.run(&mut CancelToken::new()).unwrap();
             study.record().clone()
         };
         let names = || {

@@ -14,7 +14,7 @@ use crate::evaluation::{EstimateProgress, EvaluationError, format_duration};
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::InformationError;
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 use crate::plural::counted;
 use crate::studies::{StudyDesign, StudySettings};
 use crate::workbench::{
@@ -41,12 +41,12 @@ pub(super) fn optimize(
         progress_line.show(progress.state.step, settings.steps, &message(progress, settings));
         ControlFlow::Continue(())
     };
-    let reading = |progress: Progress| {
+    let mut reading = |progress: &ReadProgress| {
         progress.understood.iter().for_each(|understood| progress_line.report(understood));
         ControlFlow::Continue(())
     };
     let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(0, &ideal.to_bytes()?);
-    let record = run_ideal(design, settings, from.as_deref(), &reading, keep, &mut watch)
+    let record = run_ideal(design, settings, from.as_deref(), &mut reading, keep, &mut watch)
         .map_err(|error| about_state(design, kept, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     progress_line.finish();

@@ -14,6 +14,7 @@ use super::output;
 use super::output::ProgressLine;
 use crate::design::IdealProgress;
 use crate::information::{BoundMethod, NamedBound};
+use crate::progress::CancelToken;
 use crate::workbench::{IdealRecord, LiveNumbers, LiveRecord, Record, Repeated, patches_of};
 
 /// Arguments of `reproduce`.
@@ -58,9 +59,9 @@ impl Arguments {
     fn reproduce_estimate(&self, record: &LiveRecord) -> Result<(), Failure> {
         let bounds = DesignBounds::open(&record.design)?;
         let (progress_line, total) = (ProgressLine::new(), record.steps());
-        let repeated = record.repeat(&|steps| {
-            progress_line.show(steps, total, "");
-            true
+        let repeated = record.repeat(&mut |steps: &usize| {
+            progress_line.show(*steps, total, "");
+            ControlFlow::Continue(())
         });
         let repeated = repeated.map_err(|error| about_objects(&record.design, error))?;
         progress_line.finish();
@@ -86,7 +87,7 @@ impl Arguments {
             progress_line.show(progress.state.step, total, "");
             ControlFlow::Continue(())
         };
-        let record = recorded.reproduce(&parts, &|_| ControlFlow::Continue(()), &mut watch);
+        let record = recorded.reproduce(&parts, &mut CancelToken::new(), &mut watch);
         let record = record.map_err(|error| about_objects(&recorded.start, error))?;
         progress_line.finish();
 

@@ -287,7 +287,7 @@ impl Common {
 pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
     output::report(announcement(study));
     let progress_line = ProgressLine::new();
-    study.run(&mut |event| {
+    study.run(&mut |event: &StudyEvent<'_>| {
         match event {
             StudyEvent::Step(step) => {
                 progress_line.show(step.number - 1, step.cells, &working(step));

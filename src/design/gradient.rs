@@ -10,6 +10,7 @@ use crate::forward::ForwardModel;
 use crate::information::FrozenDensity;
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolution, Patches};
 
@@ -49,13 +50,14 @@ pub fn information_gradient(
     array: &LensletArray,
     scene: &GradientScene<'_>,
     model: &dyn FrozenDensity,
+    progress: &mut dyn Progress<usize>,
 ) -> Result<DesignGradient, IdealError> {
     let planes = scene.objects.len_of(Axis(1));
     let psf = render_psf(array, planes)?;
     let convolver = scene.plan.with_psf(psf.view())?;
     let encoded = convolver.measure(scene.objects, scene.bias)?;
     let (bits_per_pixel, by_patches) =
-        model.information_gradient(scene.patches.cut(encoded.view()).view(), scene.normals)?;
+        model.information_gradient(scene.patches.cut(encoded.view()).view(), scene.normals, progress)?;
     let mut by_encoded = Array3::<f64>::zeros(encoded.dim());
     scene.patches.add_back(by_patches.view(), &mut by_encoded);
     let by_psf = convolver.psf_cotangent(scene.objects, by_encoded.mapv(|value| value as f32).view())?;
@@ -86,6 +88,7 @@ impl ForwardModel {
         draw: &GradientDraw,
         patch: (usize, usize),
         model: &dyn FrozenDensity,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<DesignGradient, IdealError> {
         let &GradientDraw { split, objects, patches: count, seed } = draw;
         let objects = self.set.objects(split, objects, seed)?;
@@ -100,6 +103,6 @@ impl ForwardModel {
             patches: &patches,
             normals: normals.view(),
         };
-        information_gradient(array, &scene, model)
+        information_gradient(array, &scene, model, progress)
     }
 }

@@ -17,7 +17,6 @@ pub use config::SettingsFile;
 pub use error::IdealError;
 pub use gradient::{DesignGradient, GradientDraw, GradientScene, information_gradient};
 pub use merge::{least_separation_px, merged, merged_result};
-pub use observer::Observer;
 pub use optimizer::IdealOptimizer;
 pub use settings::{Free, IdealSettings, Objective, Preset, Rates};
 pub use state::{Checkpoint, IdealEvent, IdealProgress, IdealState, Phase, gain_summary, time_left};

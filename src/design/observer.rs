@@ -5,14 +5,11 @@ use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::state::{IdealProgress, IdealState, Phase};
+use crate::progress::Progress;
 
-/// Callback for every step of mask and model. After `Break` the run ends in
-/// [`InformationError::Cancelled`](crate::information::InformationError::Cancelled).
-pub type Observer<'a> = &'a mut dyn FnMut(&IdealProgress<'_>) -> ControlFlow<()>;
-
-/// Observer with the computing time of the run. Time in the callback, where a paused run waits, does not count.
+/// Progress of a run, with its computing time. Time in the callback, where a paused run waits, does not count.
 pub(super) struct RunObserver<'a> {
-    observer: RefCell<Observer<'a>>,
+    progress: RefCell<&'a mut dyn for<'b> Progress<IdealProgress<'b>>>,
     started: Instant,
     /// Computing time before that, seconds.
     before: f64,
@@ -21,8 +18,8 @@ pub(super) struct RunObserver<'a> {
 
 impl<'a> RunObserver<'a> {
     /// Clock that starts at `before` seconds.
-    pub fn new(observer: Observer<'a>, before: f64) -> Self {
-        Self { observer: RefCell::new(observer), started: Instant::now(), before, waited: Cell::default() }
+    pub fn new(progress: &'a mut dyn for<'b> Progress<IdealProgress<'b>>, before: f64) -> Self {
+        Self { progress: RefCell::new(progress), started: Instant::now(), before, waited: Cell::default() }
     }
 
     /// Seconds of computing.
@@ -34,7 +31,7 @@ impl<'a> RunObserver<'a> {
     pub fn notify(&self, state: &IdealState, phase: Option<(Phase, f64)>) -> ControlFlow<()> {
         let seconds = self.seconds();
         let called = Instant::now();
-        let answer = self.observer.borrow_mut()(&IdealProgress { state, phase, seconds });
+        let answer = self.progress.borrow_mut().report(&IdealProgress { state, phase, seconds });
         self.waited.set(self.waited.get() + called.elapsed());
         answer
     }

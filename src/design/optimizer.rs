@@ -13,16 +13,17 @@ use serde_json::json;
 use super::error::IdealError;
 use super::merge::merged;
 use super::objective_model::{DensityModel, ModelFit, ModelValue, ObjectiveModel, PixelCnnModel, PosteriorModel};
-use super::observer::{Observer, RunObserver};
+use super::observer::RunObserver;
 use super::projection::project;
 use super::settings::{IdealSettings, Objective};
-use super::state::{Checkpoint, IdealEvent, IdealState, Phase};
+use super::state::{Checkpoint, IdealEvent, IdealProgress, IdealState, Phase};
 use crate::formats::{content_key, json_of};
 use crate::forward::ForwardModel;
-use crate::information::{CausalModel, InformationError, NUMBERS_VERSION, PretrainedLowerBound};
+use crate::information::{CausalModel, DecoderProgress, InformationError, NUMBERS_VERSION, PretrainedLowerBound};
 use crate::nn::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sparsity::tamura_of_stack;
 
@@ -222,10 +223,10 @@ impl<'a> IdealOptimizer<'a> {
     /// [`IdealOptimizer::to_bytes`] lie between two calls.
     ///
     /// # Errors
-    /// Where objects or model fail, too many steps are refused, or the observer breaks off. The mask then stays where the last
+    /// Where objects or model fail, too many steps are refused, or `progress` cancels. The mask then stays where the last
     /// step has left it.
-    pub fn advance(&mut self, observer: Observer<'_>) -> Result<(), IdealError> {
-        let observer = RunObserver::new(observer, self.state.seconds);
+    pub fn advance(&mut self, progress: &mut dyn for<'b> Progress<IdealProgress<'b>>) -> Result<(), IdealError> {
+        let observer = RunObserver::new(progress, self.state.seconds);
         if self.steps_left_in_round() > 0 {
             self.ascend(None, &observer)?;
             self.state.seconds = observer.seconds();
@@ -310,14 +311,14 @@ impl<'a> IdealOptimizer<'a> {
         let seed = SeedStream::RoundFit { part, round }.derive(self.settings.seed);
         let fit = ModelFit { steps, seed, warm: part == 0 && self.settings.warm && round > 0 };
         let state = &self.state;
-        self.model.fit(&fit, &mut |share| observer.notify(state, Some((Phase::Fitting, share))))
+        self.model.fit(&fit, &mut |share: &f64| observer.notify(state, Some((Phase::Fitting, *share))))
     }
 
     /// A checkpoint of the current mask, on the same held-out objects every time.
     fn checkpoint(&self, is_last: bool, observer: &RunObserver<'_>) -> Result<Checkpoint, IdealError> {
         let array = &self.state.array;
-        let proceed = || observer.notify(&self.state, Some((Phase::Measuring, 1.0))).is_continue();
-        let value = self.model.value(array, is_last, &proceed)?;
+        let progress = &mut |_: &usize| observer.notify(&self.state, Some((Phase::Measuring, 1.0)));
+        let value = self.model.value(array, is_last, progress)?;
         self.checkpoint_of(Moment { step: self.state.step, array: array.clone(), seconds: observer.seconds() }, value)
     }
 
@@ -351,8 +352,8 @@ impl<'a> IdealOptimizer<'a> {
         let psf = render_psf(array, self.forward.set.planes())?;
         let Some(channel) = self.forward.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = SeedStream::RunLowerBound.derive(self.settings.seed);
-        let proceed = || observer.notify(&self.state, Some((Phase::Measuring, 1.0))).is_continue();
-        Ok(PretrainedLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, &proceed)?)
+        let progress = &mut |_: &DecoderProgress| observer.notify(&self.state, Some((Phase::Measuring, 1.0)));
+        Ok(PretrainedLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, progress)?)
     }
 }
 
@@ -365,6 +366,7 @@ mod tests {
     use crate::design::IdealProgress;
     use crate::objects::{ObjectOptions, ObjectSet};
     use crate::optics::Lenslet;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     pub(super) fn beads() -> ObjectSet {
@@ -429,7 +431,7 @@ mod tests {
         let start = LensletArray { rows: 12, cols: 12, lenslets: (0..9).map(lenslet).collect() };
         let begun = || IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).unwrap();
         let mut ideal = begun();
-        ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        ideal.advance(&mut CancelToken::new()).unwrap();
         assert_eq!(begun().resumed(&ideal.to_bytes().unwrap()).unwrap().state.array, ideal.state.array);
         // The settings hold the patch that is used.
         assert_eq!(ideal.settings().patch, Some((16, 16)));

@@ -1,20 +1,20 @@
 //! Bounds that use the known prior of beads: by a decoder, and by annealed importance sampling.
 
-use std::cell::RefCell;
-use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use crate::evaluation::checkpoint::EstimateCheckpoint;
-use crate::evaluation::progress::{Watch, tell};
+use crate::evaluation::progress::{EstimateProgress, converting};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
+use crate::information::DecoderProgress;
 use crate::information::{
     AisBound, AisSettings, BeadBounds, BeadChannel, BoundMethod, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
     InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,
     decoder_lower_bound,
 };
 use crate::objects::ObjectSet;
+use crate::progress::{CancelToken, Progress};
 use crate::seeds::SeedStream;
 
 /// Shares of the time for the fit of the decoder where there is a prior, and for the lower and the upper bound by annealed importance
@@ -64,19 +64,18 @@ pub fn pretrained_lower_bound(
     patch: (usize, usize),
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let (channel, _) = bead_channel(design, &ForwardModel::of_objects(design, Arc::clone(set))?, patch)?;
-    let mut watch = |_: &_| ControlFlow::Continue(());
-    channel.map_or(Ok(None), |channel| told_at_once(&channel, (IN_A_MOMENT, design.seed), &mut watch))
+    channel.map_or(Ok(None), |channel| immediate_bound(&channel, (IN_A_MOMENT, design.seed), &mut CancelToken::new()))
 }
 
 /// The same bound for a channel, by a limited number of fresh scenes.
-fn told_at_once(
+fn immediate_bound(
     channel: &BeadChannel,
     (scenes, seed): (usize, u64),
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Option<NamedBound>, EvaluationError> {
-    let watch = RefCell::new(watch);
-    let go_on = || tell(*watch.borrow_mut(), "Bounding from below", 0, 1).is_ok();
-    let bound = PretrainedLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), &go_on)?;
+    let step = EstimateProgress::of_step("Bounding from below", 0, 1);
+    let progress = &mut |_: &DecoderProgress| progress.report(&step);
+    let bound = PretrainedLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), progress)?;
     Ok(bound.map(|PretrainedLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
         from: BoundMethod::PretrainedDecoder,
         bits_per_pixel,
@@ -93,7 +92,7 @@ pub(crate) fn with_pretrained_lower_bound(
     mut estimate: Estimate,
     (channel, request): (&BeadChannel, &EstimateRequest),
     seed: u64,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Estimate, EvaluationError> {
     let scenes = match request.model {
         _ if request.protocol == Protocol::Paper => return Ok(estimate),
@@ -101,7 +100,7 @@ pub(crate) fn with_pretrained_lower_bound(
         DensityModel::Causal { .. } | DensityModel::PixelCnn { .. } => BESIDE_FITS,
         _ => IN_A_MOMENT,
     };
-    match told_at_once(channel, (scenes, seed), watch) {
+    match immediate_bound(channel, (scenes, seed), progress) {
         Ok(below) => return Ok(below.into_iter().fold(estimate, Estimate::with_lower_bound)),
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => estimate.notes.push(format!("no lower bound: {error}")),
@@ -122,7 +121,7 @@ pub(crate) fn bead_bounds(
     channel: &BeadChannel,
     (seed, length, fresh): (u64, FitLength, bool),
     kept: &mut EstimateCheckpoint,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<BeadBounds, EvaluationError> {
     let start = if fresh { None } else { Decoder::shipped_deep() };
     let (kind, decoder_seed) = (DecoderKind::Autoregressive, SeedStream::Decoder.derive(seed));
@@ -135,13 +134,11 @@ pub(crate) fn bead_bounds(
         None => fit,
     };
     let (bound, decoder) =
-        kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut |fit| watch(&fit.into())))?;
+        kept.decoder(|keeper| decoder_lower_bound(channel, &fit, start, keeper, &mut converting(progress)))?;
     let follow = |share: f64, stream: SeedStream| posterior_fit(seed, scale_budget(length, share), stream);
     let (below, above) = (follow(FOLLOWING_BELOW, SeedStream::AisLower), follow(FOLLOWING_ABOVE, SeedStream::AisUpper));
-    let below =
-        kept.below(|keeper| ais_lower_bound(channel, &below, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
-    let above =
-        kept.above(|keeper| ais_upper_bound(channel, &above, &decoder, keeper, &mut |fit| watch(&fit.into())))?;
+    let below = kept.below(|keeper| ais_lower_bound(channel, &below, &decoder, keeper, &mut converting(progress)))?;
+    let above = kept.above(|keeper| ais_upper_bound(channel, &above, &decoder, keeper, &mut converting(progress)))?;
     Ok(BeadBounds { decoder: bound, below, above })
 }
 
@@ -150,11 +147,11 @@ pub(crate) fn bound_above(
     channel: &BeadChannel,
     (seed, length): (u64, FitLength),
     kept: &mut EstimateCheckpoint,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Option<AisBound>, InformationError> {
     let Some(decoder) = Decoder::shipped() else { return Ok(None) };
     let fit = posterior_fit(seed, scale_budget(length, FOLLOWING_ABOVE), SeedStream::AisUpper);
-    kept.above(|keeper| ais_upper_bound(channel, &fit, decoder, keeper, &mut |fit| watch(&fit.into()))).map(Some)
+    kept.above(|keeper| ais_upper_bound(channel, &fit, decoder, keeper, &mut converting(progress))).map(Some)
 }
 
 /// Settings of the annealed importance sampling for one bound of this length.

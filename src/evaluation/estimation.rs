@@ -1,6 +1,5 @@
 //! Estimates of a design's information from patches of simulated measurements.
 
-use std::cell::RefCell;
 use std::rc::Rc;
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +11,7 @@ use crate::evaluation::bead_bounds::{
 };
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity, WEIGHTS_NOT_WRITTEN};
 use crate::evaluation::patch_source::PatchSource;
-use crate::evaluation::progress::{EstimateProgress, Watch, in_trial, tell};
+use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
 use crate::evaluation::scene::{EvaluationError, ceiling_of};
 use crate::formats::json_of;
@@ -22,7 +21,8 @@ use crate::information::{
     InformationError, Moments, NoiseEntropy, PatchBatch, PixelCnn, PixelCnnRequest, Protocol, Provenance, TestPatches,
     Trial, TrialSettings, causal_estimate, gaussian_estimate, pixelcnn_estimate, pixelcnn_score,
 };
-use crate::objects::{ObjectSet, Progress, Split};
+use crate::objects::{ObjectSet, ReadProgress, Split};
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sensor::Patches;
 
@@ -52,8 +52,12 @@ const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts ar
 ///
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
-pub fn estimate(design: &Design, request: &EstimateRequest, watch: Watch<'_>) -> Result<Estimate, EvaluationError> {
-    estimate_on_patches(design, request, watch).map(|(estimate, _)| estimate)
+pub fn estimate(
+    design: &Design,
+    request: &EstimateRequest,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
+) -> Result<Estimate, EvaluationError> {
+    estimate_on_patches(design, request, progress).map(|(estimate, _)| estimate)
 }
 
 /// Refuses too few training patches for the Gaussian of a bracket, before the density model is fitted.
@@ -78,7 +82,7 @@ fn check_patches_of_bracket(
 pub(crate) fn estimate_on_patches(
     design: &Design,
     request: &EstimateRequest,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<(Estimate, TestPatches), EvaluationError> {
     let start = std::time::Instant::now();
     // Without noise, or without the engine, no estimate is possible. The error comes before the objects are read.
@@ -89,7 +93,7 @@ pub(crate) fn estimate_on_patches(
     if let Some(file) = &request.weights.from {
         PixelCnn::open_published(file)?;
     }
-    let set = Arc::new(read(design, watch)?);
+    let set = Arc::new(read(design, progress)?);
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
     if analytic_alone && set.whole_pictures(Split::All).is_some() {
         return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
@@ -126,8 +130,8 @@ pub(crate) fn estimate_on_patches(
         let seed = design.seed.wrapping_add(index as u64);
         let smallest = kept.smallest();
         trials.push(kept.trial(index, |keeper| {
-            in_trial((index, repetitions), &mut seconds, watch, |watch| {
-                trial(&source, request, density_share, (seed, keeper, smallest), watch)
+            in_trial((index, repetitions), &mut seconds, progress, |progress| {
+                trial(&source, request, density_share, (seed, keeper, smallest), progress)
             })
         })?);
     }
@@ -157,17 +161,17 @@ pub(crate) fn estimate_on_patches(
     let mut estimate = match (request.model, &channel) {
         (DensityModel::Bracket { length }, channel) => {
             let upper = if set.is_stationary(patch) {
-                analytic(&source, request, design.seed, watch)?
+                analytic(&source, request, design.seed, progress)?
             } else {
-                let fitted = fitted(&source, request, Covariance::Stationary, design.seed, watch)?;
+                let fitted = fitted(&source, request, Covariance::Stationary, design.seed, progress)?;
                 source.with_clustered_interval(fitted, request.patches_test, design.seed)?
             };
             let ask = (design.seed, length, request.fresh);
-            let beads = channel.as_ref().map(|channel| bead_bounds(channel, ask, &mut kept, watch));
+            let beads = channel.as_ref().map(|channel| bead_bounds(channel, ask, &mut kept, progress));
             Estimate::from_bracket(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
         (DensityModel::Causal { length, .. }, Some(channel)) => {
-            match bound_above(channel, (design.seed, length), &mut kept, watch)? {
+            match bound_above(channel, (design.seed, length), &mut kept, progress)? {
                 Some(above) => Estimate::from_upper_bounds(&trials, Some(&above), provenance)?,
                 None => Estimate::new(&trials, provenance)?,
             }
@@ -178,7 +182,7 @@ pub(crate) fn estimate_on_patches(
         _ => Estimate::new(&trials, provenance)?,
     };
     if let Some(channel) = &channel {
-        estimate = with_pretrained_lower_bound(estimate, (channel, request), design.seed, watch)?;
+        estimate = with_pretrained_lower_bound(estimate, (channel, request), design.seed, progress)?;
     }
     estimate.noise = design.noise;
     // The time that the person waited: reading, drawing and measuring objects, and the fit.
@@ -205,34 +209,37 @@ fn trial(
     request: &EstimateRequest,
     density_share: f64,
     (seed, keeper, smallest): (u64, Option<&dyn FitCheckpoint>, Option<f64>),
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
-    let causal = |estimator, length, watch: Watch<'_>| {
-        causal(source, request, (estimator, scale_budget(length, density_share)), (seed, keeper), watch)
+    let causal = |estimator, length, progress: &mut (dyn Progress<EstimateProgress> + Send)| {
+        causal(source, request, (estimator, scale_budget(length, density_share)), (seed, keeper), progress)
     };
     let trial = match request.model {
-        DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, watch)?,
-        DensityModel::GaussianFull => fitted(source, request, Covariance::Full, seed, watch)?,
+        DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, progress)?,
+        DensityModel::GaussianFull => fitted(source, request, Covariance::Full, seed, progress)?,
         // It holds for all images, of which its patches are a fair sample.
-        DensityModel::Analytic => return analytic(source, request, seed, watch),
+        DensityModel::Analytic => return analytic(source, request, seed, progress),
         DensityModel::PixelCnn { budget, engine } => {
-            network(source, request, (budget, engine, smallest), (seed, keeper), watch)?
+            network(source, request, (budget, engine, smallest), (seed, keeper), progress)?
         }
-        DensityModel::Causal { length } => causal(Estimator::Causal, length, watch)?,
-        DensityModel::Bracket { length } => causal(Estimator::Bracket, length, watch)?,
+        DensityModel::Causal { length } => causal(Estimator::Causal, length, progress)?,
+        DensityModel::Bracket { length } => causal(Estimator::Bracket, length, progress)?,
     };
     source.with_clustered_interval(trial, request.patches_test, seed)
 }
 
 /// The objects of a design.
-pub(crate) fn read(design: &Design, watch: Watch<'_>) -> Result<ObjectSet, EvaluationError> {
-    tell(watch, "Reading objects", 0, 1)?;
-    let watch = RefCell::new(watch);
-    let reading = |Progress { done, total, understood }: Progress| {
+pub(crate) fn read(
+    design: &Design,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
+) -> Result<ObjectSet, EvaluationError> {
+    report_step(progress, "Reading objects", 0, 1)?;
+    let reading = &mut |read: &ReadProgress| {
+        let ReadProgress { done, total, understood } = read.clone();
         let step = "Reading objects".to_owned();
-        (*watch.borrow_mut())(&EstimateProgress { step, done, total, fit: None, understood })
+        progress.report(&EstimateProgress { step, done, total, fit: None, understood })
     };
-    Ok(open_set_with(design, &reading)?)
+    Ok(open_set_with(design, reading)?)
 }
 
 fn fitted(
@@ -240,7 +247,7 @@ fn fitted(
     request: &EstimateRequest,
     covariance: Covariance,
     seed: u64,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     let (_, train) = source.draw(
@@ -248,10 +255,10 @@ fn fitted(
         request.patches_train,
         SeedStream::TrainingPatches.derive(seed),
         "Training patches",
-        watch,
+        progress,
     )?;
-    let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
-    tell(watch, "Fitting", 0, 1)?;
+    let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
+    report_step(progress, "Fitting", 0, 1)?;
     Ok(gaussian_estimate(&GaussianRequest {
         train: train.view(),
         test: test.view(),
@@ -268,7 +275,7 @@ fn network(
     request: &EstimateRequest,
     (budget, engine, smallest): (Option<Duration>, EngineChoice, Option<f64>),
     (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
     // Without a fit no training patches are drawn.
@@ -279,10 +286,11 @@ fn network(
             request.patches_train,
             SeedStream::TrainingPatches.derive(seed),
             "Training patches",
-            watch,
+            progress,
         )?),
     };
-    let (test_clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
+    let (test_clean, test) =
+        source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
     let network = PixelCnnRequest {
         train: training.as_ref().map_or(test.view(), |(_, noisy)| noisy.view()),
         train_clean: training.as_ref().map(|(clean, _)| clean.view()),
@@ -296,7 +304,7 @@ fn network(
         engine,
         seed,
     };
-    Ok(network_trial(&network, &request.weights, smallest, watch)?)
+    Ok(network_trial(&network, &request.weights, smallest, progress)?)
 }
 
 /// The trial of a `PixelCNN` that is fitted, or of stored weights. The fitted weights are written where the trial is smaller than the
@@ -305,12 +313,12 @@ pub(crate) fn network_trial(
     request: &PixelCnnRequest<'_>,
     files: &WeightsFiles,
     smallest: Option<f64>,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, InformationError> {
     if let Some(file) = &files.from {
-        return pixelcnn_score(request, &PixelCnn::open_published(file)?, &mut |fit| watch(&fit.into()));
+        return pixelcnn_score(request, &PixelCnn::open_published(file)?, &mut converting(progress));
     }
-    let (trial, fitted) = pixelcnn_estimate(request, &mut |fit| watch(&fit.into()))?;
+    let (trial, fitted) = pixelcnn_estimate(request, &mut converting(progress))?;
     if let Some(file) = &files.to
         && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
         && let Err(error) = fitted.save(file)
@@ -325,12 +333,12 @@ fn causal(
     request: &EstimateRequest,
     (estimator, length): (Estimator, FitLength),
     (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let (train, (_, test)) = (source.forward.set.fitting_parts().0, source.splits());
     let (stream, validation) =
         source.forward.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
-    let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", watch)?;
+    let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {
         stream: &stream,
@@ -344,7 +352,7 @@ fn causal(
         estimator,
         seed,
     };
-    let (trial, _) = causal_estimate(&fit, &mut |fit| watch(&fit.into()))?;
+    let (trial, _) = causal_estimate(&fit, &mut converting(progress))?;
     Ok(trial)
 }
 
@@ -362,14 +370,14 @@ fn analytic(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     seed: u64,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let start = std::time::Instant::now();
     let (design, patch) = (source.design, source.patch);
     // The covariance is that of all images, and so must be the noise: nothing is fitted.
     let (patches, test_seed) = (request.patches_test, source.test_seed(seed));
-    let (clean, _) = source.draw(Split::All, patches, test_seed, "Test patches", watch)?;
-    tell(watch, "Bounding", 0, 1)?;
+    let (clean, _) = source.draw(Split::All, patches, test_seed, "Test patches", progress)?;
+    report_step(progress, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;
     let known = source.forward.analytic_moments(Split::All, design.encoder.grid(), patch)?;

@@ -17,7 +17,7 @@ use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
 use crate::evaluation::estimation::network_trial;
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::patch_source::LARGEST_PATCHES_BYTES;
-use crate::evaluation::progress::{Watch, in_trial, report_understood, tell};
+use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step, report_understood};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
@@ -26,6 +26,7 @@ use crate::information::{
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sensor::{Noise, Patches, SensorError};
 
@@ -127,9 +128,9 @@ impl MeasuredOrder {
         request: &EstimateRequest,
         noise: Noise,
         seed: u64,
-        watch: Watch<'_>,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Estimate, MeasuredError> {
-        MeasuredImages::open(&self.source, &self.calibration, watch)?.estimate(request, noise, seed, watch)
+        MeasuredImages::open(&self.source, &self.calibration, progress)?.estimate(request, noise, seed, progress)
     }
 }
 
@@ -150,7 +151,11 @@ impl MeasuredImages {
     /// # Errors
     /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes or depths, pixels that are not finite, a
     /// calibration without meaning, and fewer than two images.
-    pub fn open(source: &MeasuredSource, calibration: &Calibration, watch: Watch<'_>) -> Result<Self, MeasuredError> {
+    pub fn open(
+        source: &MeasuredSource,
+        calibration: &Calibration,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<Self, MeasuredError> {
         calibration.check()?;
         let path = &source.0;
         let files = image_files(path)?;
@@ -158,7 +163,7 @@ impl MeasuredImages {
         let (mut whole_levels, mut white) = (true, None);
         let mut understood: Option<ImageSummary> = None;
         for (index, file) in files.iter().enumerate() {
-            tell(watch, "Reading measurements", index, files.len())?;
+            report_step(progress, "Reading measurements", index, files.len())?;
             let stack = file.read()?;
             let file = &file.path;
             let summary = ImageSummary::of(&stack);
@@ -207,7 +212,7 @@ impl MeasuredImages {
         }
         let understood = understood.map(|understood| format!("{}: {understood}", path.display()));
         if let Some(understood) = &understood {
-            report_understood(watch, understood)?;
+            report_understood(progress, understood)?;
         }
         let mut notes: Vec<String> = understood.into_iter().chain([calibration.describe()]).collect();
         let negative = photons.iter().filter(|value| **value < 0.0).count();
@@ -247,7 +252,7 @@ impl MeasuredImages {
         request: &EstimateRequest,
         noise: Noise,
         seed: u64,
-        watch: Watch<'_>,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Estimate, MeasuredError> {
         let start = std::time::Instant::now();
         let mut notes = self.notes.clone();
@@ -286,8 +291,8 @@ impl MeasuredImages {
             let seeds = (test_seed, seed.wrapping_add(index as u64));
             let smallest = kept.smallest();
             trials.push(kept.trial(index, |keeper| {
-                in_trial((index, repetitions), &mut seconds, watch, |watch| {
-                    self.trial(request, noise, patch, parts, (seeds, keeper, smallest), watch)
+                in_trial((index, repetitions), &mut seconds, progress, |progress| {
+                    self.trial(request, noise, patch, parts, (seeds, keeper, smallest), progress)
                 })
             })?);
         }
@@ -327,7 +332,7 @@ impl MeasuredImages {
         patch: (usize, usize),
         (test, train): (&[usize], &[usize]),
         ((test_seed, seed), keeper, smallest): ((u64, u64), Option<&dyn FitCheckpoint>, Option<f64>),
-        watch: Watch<'_>,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Trial, MeasuredError> {
         let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
         if let DensityModel::Causal { length } = request.model {
@@ -355,7 +360,7 @@ impl MeasuredImages {
                 estimator: crate::information::Estimator::Causal,
                 seed,
             };
-            let (trial, _) = causal_estimate(&fit, &mut |fit| watch(&fit.into()))?;
+            let (trial, _) = causal_estimate(&fit, &mut converting(progress))?;
             return Ok(trial.with_clustered_interval(&shown));
         }
         let train = match request.weights.from {
@@ -364,7 +369,7 @@ impl MeasuredImages {
                 self.cut(train, patch, request.patches_train, SeedStream::TrainingPatches.derive(seed), "the fit")?.0,
             ),
         };
-        tell(watch, "Fitting", 0, 1)?;
+        report_step(progress, "Fitting", 0, 1)?;
         let (test, protocol) = (test.view(), request.protocol);
         let train = train.as_ref().map_or(test, |train| train.view());
         let gaussian =
@@ -387,7 +392,7 @@ impl MeasuredImages {
                     engine,
                     seed,
                 };
-                network_trial(&network, &request.weights, smallest, watch)?
+                network_trial(&network, &request.weights, smallest, progress)?
             }
             DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
                 return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });

@@ -17,6 +17,6 @@ pub use checkpoint::{is_about_unwritten_weights, is_checkpoint_file};
 pub use estimation::estimate;
 pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use measured_error::MeasuredError;
-pub use progress::{EstimateProgress, FitPoint, FittedModel, Watch, format_duration};
+pub use progress::{EstimateProgress, FitPoint, FittedModel, format_duration};
 pub use request::{DensityModel, EstimateRequest, WeightsFiles};
 pub use scene::{EvaluationError, LIVE_COUNT, LIVE_PATCH, LiveInformation, Measurements, Optics, Scene, SceneTables};

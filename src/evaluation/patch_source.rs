@@ -5,11 +5,12 @@ use std::rc::Rc;
 
 use ndarray::{Array3, ArrayView3, Axis};
 
-use crate::evaluation::progress::{Watch, tell};
+use crate::evaluation::progress::{EstimateProgress, report_step};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
 use crate::information::{InformationError, Protocol, SharedImages, Trial};
 use crate::objects::Split;
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches};
 
@@ -121,7 +122,7 @@ impl<'a> PatchSource<'a> {
         count: usize,
         seed: u64,
         step: &str,
-        watch: Watch<'_>,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
         let (rows, cols) = self.patch;
         let pixels = rows * cols;
@@ -135,7 +136,7 @@ impl<'a> PatchSource<'a> {
         }
         let mut clean = Array3::zeros((count, rows, cols));
         for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.forward.set.batch()).enumerate() {
-            tell(watch, step, index * self.forward.set.batch(), count)?;
+            report_step(progress, step, index * self.forward.set.batch(), count)?;
             let batch = self.part(split, index, seed);
             let objects = self.forward.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
@@ -165,11 +166,10 @@ fn step_model(step: &str) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::*;
     use crate::forward::open_set_with;
     use crate::objects::ObjectSource;
+    use crate::progress::CancelToken;
 
     #[test]
     fn intervals_know_the_pictures_that_test_patches_show() {
@@ -185,7 +185,7 @@ mod tests {
         crate::formats::write_array(&pages, Array3::from_shape_fn((50, 40, 40), page).view()).unwrap();
         let whole = Design { objects: ObjectSource::Stack(pages), ..mosaics.clone() };
         for (design, grid) in [(mosaics, (32, 32)), (whole, (16, 16))] {
-            let set = open_set_with(&design, &|_| ControlFlow::Continue(())).unwrap();
+            let set = open_set_with(&design, &mut CancelToken::new()).unwrap();
             let forward = ForwardModel::new(set.clone(), grid, 10.0, design.noise).unwrap();
             let mut psf = Array3::zeros((1, grid.0, grid.1));
             psf[[0, 9, 4]] = 1.0;
@@ -193,8 +193,7 @@ mod tests {
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
             let source = PatchSource::new(design, &forward, &convolver, (patch, protocol));
             let count = 2 * set.batch() + 7;
-            let (clean, _) =
-                source.draw(Split::Test, count, 3, "Test patches", &mut |_| ControlFlow::Continue(())).unwrap();
+            let (clean, _) = source.draw(Split::Test, count, 3, "Test patches", &mut CancelToken::new()).unwrap();
             let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();
             assert_eq!((shared.shares().len(), shared.pictures()), (count, 10));
             for (patch, shares) in clean.outer_iter().zip(shared.shares()) {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::information::{AisProgress, DecoderProgress, FitProgress, InformationError};
+use crate::progress::Progress;
 
 /// The current step of an estimate and its progress.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,6 +24,11 @@ pub struct EstimateProgress {
 }
 
 impl EstimateProgress {
+    /// A step that is no fit.
+    pub(crate) fn of_step(step: &str, done: usize, total: usize) -> Self {
+        Self { step: step.to_owned(), done, total, fit: None, understood: None }
+    }
+
     /// The same progress in trial `index`, counted from 0, of `count`. The trial began after `began` seconds of the earlier fits.
     fn of_trial(&self, (index, count): (usize, usize), began: f64) -> Self {
         let Self { step, done, total, fit, understood } = self.clone();
@@ -41,20 +47,20 @@ impl EstimateProgress {
 pub(crate) fn in_trial<T>(
     (index, count): (usize, usize),
     seconds: &mut f64,
-    watch: Watch<'_>,
-    compute: impl FnOnce(Watch<'_>) -> T,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
+    compute: impl FnOnce(&mut (dyn Progress<EstimateProgress> + Send)) -> T,
 ) -> T {
     if count < 2 {
-        return compute(watch);
+        return compute(progress);
     }
     let (began, mut now) = (*seconds, *seconds);
-    let done = compute(&mut |progress| {
-        let progress = progress.of_trial((index, count), began);
-        now = progress.fit.map_or(now, |fit| fit.seconds);
-        watch(&progress)
+    let result = compute(&mut |step: &EstimateProgress| {
+        let step = step.of_trial((index, count), began);
+        now = step.fit.map_or(now, |fit| fit.seconds);
+        progress.report(&step)
     });
     *seconds = now;
-    done
+    result
 }
 
 /// One point of the curve of a fit.
@@ -78,25 +84,37 @@ pub enum FittedModel {
     Decoder,
 }
 
-/// Callback for progress that also decides whether the computation continues; after `Break` it ends in [`InformationError::Cancelled`].
-pub type Watch<'a> = &'a mut (dyn FnMut(&EstimateProgress) -> ControlFlow<()> + Send);
+/// Receives the steps of a fit or a bound as steps of an estimate.
+pub(crate) fn converting<Step>(
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
+) -> impl FnMut(&Step) -> ControlFlow<()> + Send
+where
+    for<'a> EstimateProgress: From<&'a Step>,
+{
+    |step| progress.report(&step.into())
+}
 
 /// Reports a step that is no fit.
-pub(crate) fn tell(watch: Watch<'_>, step: &str, done: usize, total: usize) -> Result<(), InformationError> {
-    notify(watch, &EstimateProgress { step: step.to_owned(), done, total, fit: None, understood: None })
+pub(crate) fn report_step(
+    progress: &mut dyn Progress<EstimateProgress>,
+    step: &str,
+    done: usize,
+    total: usize,
+) -> Result<(), InformationError> {
+    report(progress, &EstimateProgress::of_step(step, done, total))
 }
 
 /// Reports the summary of the files that were read.
-pub(crate) fn report_understood(watch: Watch<'_>, understood: &str) -> Result<(), InformationError> {
+pub(crate) fn report_understood(
+    progress: &mut dyn Progress<EstimateProgress>,
+    understood: &str,
+) -> Result<(), InformationError> {
     let understood = Some(understood.to_owned());
-    notify(watch, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
+    report(progress, &EstimateProgress { step: "Files are read".into(), done: 1, total: 1, fit: None, understood })
 }
 
-fn notify(watch: Watch<'_>, progress: &EstimateProgress) -> Result<(), InformationError> {
-    match watch(progress) {
-        ControlFlow::Continue(()) => Ok(()),
-        ControlFlow::Break(()) => Err(InformationError::Cancelled),
-    }
+fn report(progress: &mut dyn Progress<EstimateProgress>, step: &EstimateProgress) -> Result<(), InformationError> {
+    if progress.report(step).is_break() { Err(InformationError::Cancelled) } else { Ok(()) }
 }
 
 impl From<&FitProgress> for EstimateProgress {
@@ -195,48 +213,48 @@ mod tests {
             remaining,
             bits_per_pixel: 0.25,
         };
-        let told = EstimateProgress::from(&found(0, None));
-        assert_eq!((told.step.as_str(), told.done, told.total), ("Annealed importance sampling", 0, 40));
-        let told = EstimateProgress::from(&found(10, Some(Duration::from_millis(8_200))));
+        let reported = EstimateProgress::from(&found(0, None));
+        assert_eq!((reported.step.as_str(), reported.done, reported.total), ("Annealed importance sampling", 0, 40));
+        let reported = EstimateProgress::from(&found(10, Some(Duration::from_millis(8_200))));
         let step = "Annealed importance sampling, 0.250 bits per pixel, 9 s left";
-        assert_eq!((told.step.as_str(), told.done, told.total), (step, 3, 12));
+        assert_eq!((reported.step.as_str(), reported.done, reported.total), (step, 3, 12));
     }
 
     #[test]
     fn trials_are_parts_of_one_whole_and_their_curves_follow_each_other() {
-        let mut told: Vec<EstimateProgress> = Vec::new();
-        let mut watch = |progress: &EstimateProgress| {
-            told.push(progress.clone());
+        let mut reported: Vec<EstimateProgress> = Vec::new();
+        let mut receive = |progress: &EstimateProgress| {
+            reported.push(progress.clone());
             ControlFlow::Continue(())
         };
         let mut seconds = 0.0;
         for index in 0..2 {
-            in_trial((index, 2), &mut seconds, &mut watch, |watch| {
+            in_trial((index, 2), &mut seconds, &mut receive, |progress| {
                 for elapsed in [1.0, 4.0] {
                     let fit = Some(FitPoint { model: FittedModel::Density, seconds: elapsed, bits: 5.0 });
                     let (step, done) = ("Fitting".to_owned(), elapsed as usize);
-                    let _ = watch(&EstimateProgress { step, done, total: 4, fit, understood: None });
+                    let _ = progress.report(&EstimateProgress { step, done, total: 4, fit, understood: None });
                 }
-                tell(watch, "Scoring test patches", 3, 4).unwrap();
+                report_step(progress, "Scoring test patches", 3, 4).unwrap();
             });
         }
-        let seconds: Vec<f64> = told.iter().filter_map(|told| Some(told.fit?.seconds)).collect();
+        let seconds: Vec<f64> = reported.iter().filter_map(|reported| Some(reported.fit?.seconds)).collect();
         assert_eq!(seconds, [1.0, 4.0, 5.0, 8.0]);
-        let shares: Vec<(usize, usize)> = told.iter().map(|told| (told.done, told.total)).collect();
+        let shares: Vec<(usize, usize)> = reported.iter().map(|reported| (reported.done, reported.total)).collect();
         assert_eq!(shares, [(1, 8), (4, 8), (3, 8), (5, 8), (8, 8), (7, 8)]);
-        assert_eq!(told[4].step, "Trial 2 of 2: Fitting");
+        assert_eq!(reported[4].step, "Trial 2 of 2: Fitting");
         // A single trial is reported unchanged.
         let mut alone = None;
-        let mut watch = |progress: &EstimateProgress| {
+        let mut receive = |progress: &EstimateProgress| {
             alone = Some(progress.step.clone());
             ControlFlow::Continue(())
         };
-        in_trial((0, 1), &mut 0.0, &mut watch, |watch| tell(watch, "Fitting", 0, 1)).unwrap();
+        in_trial((0, 1), &mut 0.0, &mut receive, |progress| report_step(progress, "Fitting", 0, 1)).unwrap();
         assert_eq!(alone.as_deref(), Some("Fitting"));
     }
 
     #[test]
-    fn times_are_told_in_their_two_largest_units() {
+    fn durations_have_their_two_largest_units() {
         for (seconds, text) in [
             (0.25, "0.3 s"),
             (9.0, "9 s"),

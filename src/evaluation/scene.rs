@@ -3,7 +3,6 @@
 //! Steps that depend only on the objects ([`Scene`]), or on the objects and the shape of the PSF ([`SceneTables`]), are kept between
 //! edits. An edit then costs one PSF, the products with known spectra, and the later steps.
 
-use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use ndarray::{Array2, Array3, Array4, ArrayView3, Axis};
@@ -15,8 +14,9 @@ use crate::forward::{Design, DesignError, ForwardError, bead_response, mean_meas
 use crate::information::{
     AnalyticGaussian, BeadEntropyBound, EntropyBound, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
-use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, Progress, Split};
+use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, ReadProgress, Split};
 use crate::optics::{Mtf, modulation_transfer};
+use crate::progress::Progress;
 use crate::sensor::{Convolution, ObjectSpectra, SensorError};
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
@@ -143,13 +143,13 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Opens the objects of a design. `watch` receives the progress and may cancel, which ends in [`ObjectError::Cancelled`].
+    /// Opens the objects of a design, with reports of the files read.
     ///
     /// # Errors
     /// [`ObjectError`] where the objects cannot be read.
-    pub fn open(design: &Design, watch: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<Self, ObjectError> {
+    pub fn open(design: &Design, progress: &mut dyn Progress<ReadProgress>) -> Result<Self, ObjectError> {
         let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
-        let set = ObjectSet::open_with(&design.objects, &options, watch)?;
+        let set = ObjectSet::open_with(&design.objects, &options, progress)?;
         Self::of_set(set, design)
     }
 

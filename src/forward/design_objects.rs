@@ -1,21 +1,20 @@
 //! Opens the objects of a design.
 
-use std::ops::ControlFlow;
-
 use ndarray::{Axis, s};
 
 use crate::forward::{Design, DesignError};
-use crate::objects::{ObjectError, ObjectOptions, ObjectSet, Progress};
+use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ReadProgress};
+use crate::progress::{CancelToken, Progress};
 
 /// The objects of a design.
 pub fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
-    open_set_with(design, &|_| ControlFlow::Continue(()))
+    open_set_with(design, &mut CancelToken::new())
 }
 
-/// The objects of a design, with reports of the progress of reading; [`ControlFlow::Break`] cancels.
-pub fn open_set_with(design: &Design, reading: &dyn Fn(Progress) -> ControlFlow<()>) -> Result<ObjectSet, ObjectError> {
+/// The objects of a design, with reports of the files read.
+pub fn open_set_with(design: &Design, progress: &mut dyn Progress<ReadProgress>) -> Result<ObjectSet, ObjectError> {
     let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
-    ObjectSet::open_with(&design.objects, &options, reading)
+    ObjectSet::open_with(&design.objects, &options, progress)
 }
 
 /// Notices about the objects of a design, and about light of the PSF on planes without objects.

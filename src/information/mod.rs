@@ -26,7 +26,7 @@ mod test_beads;
 /// another version.
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
-pub use ais::bound::{AisBound, AisProgress, AisSettings, OnAis, ais_lower_bound, ais_upper_bound};
+pub use ais::bound::{AisBound, AisProgress, AisSettings, ais_lower_bound, ais_upper_bound};
 pub use bounds::bracket::{BeadBounds, Bracket, NamedBound};
 pub use bounds::method::BoundMethod;
 pub use bounds::object_entropy::beads::{BeadEntropyBound, EntropyBound, binary_entropy};
@@ -37,14 +37,14 @@ pub use decoder::immse_gradient::bead_response_gradient;
 pub use decoder::information_gain::{decoder_information, paired_gain};
 pub use decoder::kind::DecoderKind;
 pub use decoder::layers::Decoder;
-pub use decoder::pretrained::{DecoderPretrainProgress, OnDecoderPretrainStep};
+pub use decoder::pretrained::{DecoderPretrainProgress, DecoderPretrainStep};
 pub use decoder::pretrained_bound::PretrainedLowerBound;
 pub use density::causal::conditioning::Moments;
-pub use density::causal::fit::{CausalFit, FitLength};
+pub use density::causal::fit::{CausalFit, FitContext, FitLength, FitStep, Fitted};
 pub use density::causal::init::{CausalStart, Init};
 pub use density::causal::measurement_stream::MeasurementStream;
 pub use density::causal::model::{CausalModel, check_causal_patch};
-pub use density::causal::pretrained::{OnPretrainStep, PretrainProgress, PretrainedWeights, TrainingScene};
+pub use density::causal::pretrained::{PretrainProgress, PretrainStep, PretrainedWeights, TrainingScene};
 pub use density::causal::refit::CausalRefit;
 pub use density::causal::score::{cancellable_information_map, information_map, score, score_with_progress};
 pub use density::causal::shape::CausalShape;
@@ -76,7 +76,7 @@ pub use estimate::pixelcnn::{PixelCnnRequest, pixelcnn_estimate, pixelcnn_score}
 pub use estimate::trial::{Trial, TrialSettings};
 pub use estimator::Estimator;
 pub use fit_checkpoint::FitCheckpoint;
-pub use progress::{FitProgress, OnProgress};
+pub use progress::FitProgress;
 pub use statistics::bootstrap::{bootstrap_interval, paired_interval};
 pub(crate) use statistics::dequantisation::dequantised;
 pub use statistics::paired_difference::{PairedDifference, TestPatches};

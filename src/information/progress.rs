@@ -1,6 +1,5 @@
 //! Progress of a fit.
 
-use std::ops::ControlFlow;
 use std::time::Duration;
 
 /// Progress of a fit; sent after every step and after every group of scored patches.
@@ -24,6 +23,3 @@ pub struct FitProgress {
     /// Held-out patches scored and their total, once the fit is over.
     pub scored: Option<(usize, usize)>,
 }
-
-/// Receives progress; `ControlFlow::Break` cancels the fit before its next step.
-pub type OnProgress<'a> = &'a mut dyn FnMut(&FitProgress) -> ControlFlow<()>;

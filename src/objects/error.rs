@@ -54,7 +54,7 @@ pub enum ObjectError {
         /// Columns, px.
         cols: usize,
     },
-    /// The observer of the progress cancelled.
+    /// The progress cancelled.
     #[error("loading the objects was cancelled")]
     Cancelled,
 }

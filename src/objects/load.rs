@@ -8,10 +8,11 @@ use rayon::prelude::*;
 
 use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, Samples, image_files};
 use crate::plural::{counted, one_or_many};
+use crate::progress::Progress;
 
 use super::ObjectError;
 use super::clean::clean;
-use super::set::{FileReport, Observer, Progress};
+use super::set::{FileReport, ReadProgress, report_read};
 
 /// Number of files read at a time.
 const BATCH_FILES: usize = 8;
@@ -51,7 +52,7 @@ pub(super) fn load(
     path: &Path,
     field: (usize, usize),
     report: &mut FileReport,
-    observer: Observer,
+    progress: &mut dyn Progress<ReadProgress>,
 ) -> Result<Loaded, ObjectError> {
     let files = image_files(path)?;
     let is_folder = ImageFile::find(path)?.path.is_dir();
@@ -60,7 +61,7 @@ pub(super) fn load(
     let (mut understood, mut changed): (Option<ImageSummary>, Vec<String>) = (None, Vec::new());
     let mut unreadable: Vec<FormatError> = Vec::new();
     for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
-        observer.tell(Progress::files(batch_index * BATCH_FILES, files.len()))?;
+        report_read(progress, &ReadProgress::files(batch_index * BATCH_FILES, files.len()))?;
         let read: Vec<Result<PixelStack, FormatError>> = batch.par_iter().map(ImageFile::read).collect();
         for (file, stack) in batch.iter().zip(read) {
             match stack {
@@ -87,7 +88,7 @@ pub(super) fn load(
             }
         }
     }
-    observer.tell(Progress::files(files.len(), files.len()))?;
+    report_read(progress, &ReadProgress::files(files.len(), files.len()))?;
     if items.is_empty() {
         let found = match unreadable.first() {
             None => "none".into(),

@@ -16,6 +16,6 @@ mod whole;
 
 pub use beads::BeadPrior;
 pub use error::ObjectError;
-pub use set::{ObjectOptions, ObjectSet, PlacedPicture, Progress};
+pub use set::{ObjectOptions, ObjectSet, PlacedPicture, ReadProgress};
 pub use source::ObjectSource;
 pub use split::Split;

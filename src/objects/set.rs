@@ -1,7 +1,7 @@
 //! Object sets: opened once, drawn from any number of times.
 
 use std::fmt;
-use std::ops::{ControlFlow, Range, RangeInclusive};
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 
 use ndarray::{Array2, Array4, ArrayViewMut2};
@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{FormatError, ImageSummary, PixelStack, read_cifar, read_idx, read_stack};
 use crate::plural::counted;
+use crate::progress::{CancelToken, Progress};
 
 use super::beads::{BeadScale, Beads};
 use super::clean::clean;
@@ -51,9 +52,9 @@ const FEW: RangeInclusive<usize> = 5..=4000;
 const BATCH: usize = 500;
 const BATCH_BYTES: usize = 256 << 20;
 
-/// Progress of loading, in files.
+/// Progress of reading objects, in files.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Progress {
+pub struct ReadProgress {
     /// Files read.
     pub done: usize,
     /// Files to read.
@@ -62,7 +63,7 @@ pub struct Progress {
     pub understood: Option<String>,
 }
 
-impl Progress {
+impl ReadProgress {
     pub(super) fn files(done: usize, total: usize) -> Self {
         Self { done, total, understood: None }
     }
@@ -77,20 +78,15 @@ pub(super) struct FileReport {
     pub(super) notices: Vec<String>,
 }
 
-impl fmt::Display for Progress {
+impl fmt::Display for ReadProgress {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "Reading objects, {} of {}", self.done, counted(self.total, "file"))
     }
 }
 
-/// Observer of progress, which may cancel.
-#[derive(Clone, Copy)]
-pub(super) struct Observer<'a>(&'a dyn Fn(Progress) -> ControlFlow<()>);
-
-impl Observer<'_> {
-    pub(super) fn tell(self, progress: Progress) -> Result<(), ObjectError> {
-        if (self.0)(progress).is_break() { Err(ObjectError::Cancelled) } else { Ok(()) }
-    }
+/// Reports a step of reading.
+pub(super) fn report_read(progress: &mut dyn Progress<ReadProgress>, step: &ReadProgress) -> Result<(), ObjectError> {
+    if progress.report(step).is_break() { Err(ObjectError::Cancelled) } else { Ok(()) }
 }
 
 #[derive(Clone, Debug)]
@@ -129,20 +125,19 @@ impl ObjectSet {
     /// [`ObjectError`] if an option is out of range, a file cannot be read, or its pixels cannot be photons: NaN,
     /// infinite, negative by more than 5 % of the largest, or all 0.
     pub fn open(source: &ObjectSource, options: &ObjectOptions) -> Result<Self, ObjectError> {
-        Self::open_with(source, options, &|_| ControlFlow::Continue(()))
+        Self::open_with(source, options, &mut CancelToken::new())
     }
 
-    /// [`ObjectSet::open`] with calls of `progress`. [`ControlFlow::Break`] cancels.
+    /// [`ObjectSet::open`] with reports of the files read.
     ///
     /// # Errors
     /// As [`ObjectSet::open`], and [`ObjectError::Cancelled`].
     pub fn open_with(
         source: &ObjectSource,
         options: &ObjectOptions,
-        progress: &dyn Fn(Progress) -> ControlFlow<()>,
+        progress: &mut dyn Progress<ReadProgress>,
     ) -> Result<Self, ObjectError> {
         check(options)?;
-        let observer = Observer(progress);
         let mut report = FileReport::default();
         let beads = |density, planes, scale| Beads::new(density, planes, options.field, scale).map(Content::Beads);
         let mean = options.mean_photons;
@@ -150,13 +145,13 @@ impl ObjectSet {
             ObjectSource::Beads { density } => beads(*density, 1, BeadScale::Mean(mean))?,
             ObjectSource::BeadsMax { density } => beads(*density, 1, BeadScale::PerBead)?,
             ObjectSource::Volume { planes, density } => beads(*density, *planes, BeadScale::Mean(mean))?,
-            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut report, observer)?], mean)?,
-            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut report, observer)?], mean)?,
-            ObjectSource::Images(path) => match load(path, options.field, &mut report, observer)? {
+            ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut report, progress)?], mean)?,
+            ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut report, progress)?], mean)?,
+            ObjectSource::Images(path) => match load(path, options.field, &mut report, progress)? {
                 Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
                 Loaded::Whole(stack) => whole(path, stack, mean)?,
             },
-            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut report, observer)?, mean)?,
+            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut report, progress)?, mean)?,
         };
         let (field, mean) = match &content {
             Content::Beads(beads) => (beads.field(), beads.mean()),
@@ -165,7 +160,8 @@ impl ObjectSet {
         };
         let fingerprint = fingerprint(source, &content, field, mean);
         if let Some(understood) = &report.understood {
-            observer.tell(Progress { done: 1, total: 1, understood: Some(format!("{source}: {understood}")) })?;
+            let understood = Some(format!("{source}: {understood}"));
+            report_read(progress, &ReadProgress { done: 1, total: 1, understood })?;
         }
         Ok(Self { source: source.clone(), content, field, mean, report, fingerprint })
     }
@@ -434,13 +430,13 @@ fn one_file(
     path: &Path,
     read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
     report: &mut FileReport,
-    observer: Observer,
+    progress: &mut dyn Progress<ReadProgress>,
 ) -> Result<PixelStack, ObjectError> {
-    observer.tell(Progress::files(0, 1))?;
+    report_read(progress, &ReadProgress::files(0, 1))?;
     let mut stack = read(path)?;
     report.understood = Some(ImageSummary::of(&stack).to_string());
     report.notices.extend(clean(path, &mut stack)?);
-    observer.tell(Progress::files(1, 1))?;
+    report_read(progress, &ReadProgress::files(1, 1))?;
     Ok(stack)
 }
 

@@ -1,16 +1,15 @@
 //! Computing a study cell by cell, so that whatever stops it costs the current cell at most.
 
 use std::fs::File;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::evaluation::estimation::estimate_on_patches;
-use crate::evaluation::progress::Watch;
 use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
 use crate::forward::{Design, open_set};
 use crate::information::{Estimate, PairedDifference, TestPatches};
+use crate::progress::Progress;
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
 use crate::studies::plot::bracket_plot;
@@ -22,7 +21,11 @@ use crate::studies::tables::{CSV_HEADER, csv_row, markdown};
 pub const RECORD: &str = "study.json";
 
 /// Function that computes a cell; tests use a quicker one.
-type Estimator<'a> = &'a dyn Fn(&Design, &EstimateRequest, Watch<'_>) -> Result<Estimated, EvaluationError>;
+type Estimator<'a> = &'a dyn Fn(
+    &Design,
+    &EstimateRequest,
+    &mut (dyn Progress<EstimateProgress> + Send),
+) -> Result<Estimated, EvaluationError>;
 /// An estimate, and the information of each test patch by its density model.
 type Estimated = (Estimate, TestPatches);
 
@@ -66,9 +69,6 @@ pub enum StudyEvent<'a> {
         cell: &'a StudyCell,
     },
 }
-
-/// Callback for events that also decides whether the study continues.
-pub(super) type StudyWatch<'a> = &'a mut (dyn FnMut(&StudyEvent<'_>) -> ControlFlow<()> + Send);
 
 impl Study {
     /// Opens the study of `folder`, which is created if it is missing, or starts it there. Objects are read, so that changed ones are
@@ -141,13 +141,17 @@ impl Study {
     /// Computes the missing cells. After every cell the files hold it. Failed cells have their sentence in the record.
     ///
     /// # Errors
-    /// [`StudyError::Cancelled`] where `watch` asked to stop, and where a file cannot be written.
-    pub fn run(&mut self, watch: StudyWatch<'_>) -> Result<(), StudyError> {
-        self.run_with(&|design, request, watch| estimate_on_patches(design, request, watch), watch)
+    /// [`StudyError::Cancelled`] where `progress` cancels, and where a file cannot be written.
+    pub fn run(&mut self, progress: &mut (dyn for<'a> Progress<StudyEvent<'a>> + Send)) -> Result<(), StudyError> {
+        self.run_with(&|design, request, progress| estimate_on_patches(design, request, progress), progress)
     }
 
     /// [`Study::run`] with another function in place of the estimate.
-    pub(super) fn run_with(&mut self, estimator: Estimator<'_>, watch: StudyWatch<'_>) -> Result<(), StudyError> {
+    pub(super) fn run_with(
+        &mut self,
+        estimator: Estimator<'_>,
+        progress: &mut (dyn for<'a> Progress<StudyEvent<'a>> + Send),
+    ) -> Result<(), StudyError> {
         // A folder that cannot be written is reported now, not after the first cell.
         self.write()?;
         let settings = self.record.settings.clone();
@@ -157,7 +161,7 @@ impl Study {
             if self.has(planned) {
                 continue;
             }
-            let result = self.compute(&settings, index, planned, estimator, watch)?;
+            let result = self.compute(&settings, index, planned, estimator, progress)?;
             let (result, patches) = match result {
                 Ok((estimate, patches)) => (Ok(estimate), patches),
                 Err(sentence) => (Err(sentence), TestPatches::default()),
@@ -167,7 +171,7 @@ impl Study {
             self.record.put(cell.clone());
             self.write()?;
             let event = StudyEvent::Done { number: index + 1, cells: plan.len(), cell: &cell };
-            if watch(&event).is_break() {
+            if progress.report(&event).is_break() {
                 return Err(StudyError::Cancelled);
             }
         }
@@ -201,7 +205,7 @@ impl Study {
         index: usize,
         planned: &PlannedCell<'_>,
         estimator: Estimator<'_>,
-        watch: StudyWatch<'_>,
+        progress: &mut (dyn for<'a> Progress<StudyEvent<'a>> + Send),
     ) -> Result<Result<Estimated, String>, StudyError> {
         let (start, expected) = (Instant::now(), self.time_of_cell());
         let others = expected.mul_f64(self.missing().saturating_sub(1) as f64);
@@ -209,10 +213,10 @@ impl Study {
         let result = estimator(
             &settings.design(planned.objects, planned.design),
             &settings.request(planned.patch)?,
-            &mut |progress| {
+            &mut |estimate: &EstimateProgress| {
                 let left = others + expected.saturating_sub(start.elapsed());
-                let step = StudyStep { number: index + 1, cells: settings.cells(), name: &name, progress, left };
-                watch(&StudyEvent::Step(step))
+                let (number, cells) = (index + 1, settings.cells());
+                progress.report(&StudyEvent::Step(StudyStep { number, cells, name: &name, progress: estimate, left }))
             },
         );
         match result {

@@ -12,6 +12,7 @@ use crate::information::{
     TrialSettings,
 };
 use crate::optics::{Encoder, heuristic_layout};
+use crate::progress::{CancelToken, Progress};
 use crate::sensor::{Noise, SensorError};
 use crate::studies::error::StudyError;
 use crate::studies::record::StudyRecord;
@@ -62,10 +63,6 @@ fn four_cells() -> StudySettings {
     }
 }
 
-fn on(_: &StudyEvent<'_>) -> ControlFlow<()> {
-    ControlFlow::Continue(())
-}
-
 /// Runs a study whose every estimate is `bits`; returns how many were computed.
 fn run(settings: StudySettings, folder: &Path, bits: f64) -> Result<usize, StudyError> {
     let computed = Cell::new(0);
@@ -75,7 +72,7 @@ fn run(settings: StudySettings, folder: &Path, bits: f64) -> Result<usize, Study
             computed.set(computed.get() + 1);
             Ok(of(design, estimated(bits, Some(0.3))))
         },
-        &mut on,
+        &mut CancelToken::new(),
     )?;
     Ok(computed.get())
 }
@@ -112,11 +109,11 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
     let mut steps = 0;
     let progress = EstimateProgress { step: "Fitting".into(), done: 0, total: 1, fit: None, understood: None };
     let stopped = study.run_with(
-        &|design, _, watch| match watch(&progress) {
+        &|design, _, receiver| match receiver.report(&progress) {
             ControlFlow::Continue(()) => Ok(of(design, estimated(0.25, None))),
             ControlFlow::Break(()) => Err(crate::information::InformationError::Cancelled.into()),
         },
-        &mut |event| match event {
+        &mut |event: &StudyEvent<'_>| match event {
             StudyEvent::Step(step) => {
                 steps += 1;
                 assert_eq!((step.number, step.cells), (steps, 4));
@@ -137,7 +134,10 @@ fn a_study_that_is_stopped_keeps_its_finished_cells() {
 #[test]
 fn a_cell_that_fails_is_recorded_and_tried_again() {
     let folder = tempfile::tempdir().unwrap();
-    let fails = |design: &Design, _: &EstimateRequest, _: crate::evaluation::Watch<'_>| -> Result<_, EvaluationError> {
+    let fails = |design: &Design,
+                 _: &EstimateRequest,
+                 _: &mut (dyn Progress<EstimateProgress> + Send)|
+     -> Result<_, EvaluationError> {
         if design.objects.to_string() == "beads:0.02" {
             return Err(SensorError::PatchTooLarge { patch_rows: 32, patch_cols: 32, rows: 5, cols: 5 }.into());
         }
@@ -146,7 +146,7 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
         Ok(of(design, endless))
     };
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
-    study.run_with(&fails, &mut on).unwrap();
+    study.run_with(&fails, &mut CancelToken::new()).unwrap();
     assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
     let told = study.markdown();
     assert!(told.contains("failed: beads:0.02, heuristic:4, 32 x 32 px: "), "{told}");
@@ -160,7 +160,7 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
 fn estimates_of_objects_that_changed_meanwhile_do_not_count() {
     let folder = tempfile::tempdir().unwrap();
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
-    study.run_with(&|_, _, _| Ok((estimated(0.25, None), TestPatches::default())), &mut on).unwrap();
+    study.run_with(&|_, _, _| Ok((estimated(0.25, None), TestPatches::default())), &mut CancelToken::new()).unwrap();
     assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
     assert!(study.markdown().contains("its objects changed while the study ran"));
     drop(study);
@@ -257,7 +257,9 @@ fn estimates_are_compared_with_published_ones() {
         (_, "1 lenslet") => 0.567,
         _ => 0.5,
     };
-    study.run_with(&|design, _, _| Ok(of(design, estimated(bits(design), Some(0.4)))), &mut on).unwrap();
+    study
+        .run_with(&|design, _, _| Ok(of(design, estimated(bits(design), Some(0.4)))), &mut CancelToken::new())
+        .unwrap();
     let summary = &study.record().summary;
     let within: Vec<usize> = summary.within_published.iter().map(|row| row.within).collect();
     assert_eq!((within, summary.within_published[0].compared), (vec![3, 2, 1], 4));
@@ -298,12 +300,12 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
         let more = if design.encoder.describe() == "1 lenslet" { 0.0 } else { -0.1 };
         (0..50).map(|patch| 0.3 + more + 0.01 * f64::from(patch) + 1e-4 * more * f64::from(patch % 2)).collect()
     };
-    let compute = |design: &Design, _: &EstimateRequest, _: crate::evaluation::Watch<'_>| {
+    let compute = |design: &Design, _: &EstimateRequest, _: &mut (dyn Progress<EstimateProgress> + Send)| {
         let (estimate, _) = of(design, estimated(0.25, None));
         Ok((estimate, TestPatches { told: told(design), ..TestPatches::default() }))
     };
     let mut study = Study::open(settings.clone(), folder.path()).unwrap();
-    let stopped = study.run_with(&compute, &mut |event| match event {
+    let stopped = study.run_with(&compute, &mut |event: &StudyEvent<'_>| match event {
         StudyEvent::Done { .. } => ControlFlow::Break(()),
         StudyEvent::Step(_) => ControlFlow::Continue(()),
     });
@@ -311,7 +313,7 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     drop(study);
     // A resumed study knows the patch information of the first design.
     let mut study = Study::open(settings, folder.path()).unwrap();
-    study.run_with(&compute, &mut on).unwrap();
+    study.run_with(&compute, &mut CancelToken::new()).unwrap();
     let [first, second, wide] = study.record().cells.as_slice() else { panic!("three cells") };
     assert_eq!(
         (first.patch_information.len(), first.difference_to_reference, second.patch_information.len()),
@@ -332,7 +334,9 @@ fn patches_are_compared_with_the_whole_sensor() {
     let settings = StudySettings { patches: vec![Some((8, 8)), None], ..StudySettings::patches(&Design::default()) };
     let mut study = Study::open(settings, folder.path()).unwrap();
     let bits = |request: &EstimateRequest| if request.patch.is_some() { 0.75 } else { 0.25 };
-    study.run_with(&|design, request, _| Ok(of(design, estimated(bits(request), None))), &mut on).unwrap();
+    study
+        .run_with(&|design, request, _| Ok(of(design, estimated(bits(request), None))), &mut CancelToken::new())
+        .unwrap();
     let text = study.markdown();
     assert!(text.contains("| 8 x 8 px | 0.75") && text.contains("| +0.5000 | 3.00 |"), "{text}");
     assert!(text.contains("| sensor | 0.25") && text.contains("| +0.0000 | 1.00 |"), "{text}");
@@ -347,7 +351,7 @@ fn brackets_are_told_with_all_bounds_and_drawn() {
         folder.path(),
     )
     .unwrap();
-    study.run_with(&|design, _, _| Ok(of(design, bracketed(0.125, 0.25, 0.5))), &mut on).unwrap();
+    study.run_with(&|design, _, _| Ok(of(design, bracketed(0.125, 0.25, 0.5))), &mut CancelToken::new()).unwrap();
     let text = study.markdown();
     assert!(
         text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (")

@@ -9,6 +9,7 @@ use lenslet_studio::design::{IdealOptimizer, IdealSettings, Objective, Preset};
 use lenslet_studio::evaluation::{DensityModel, EstimateRequest, WeightsFiles, estimate};
 use lenslet_studio::information::Protocol;
 use lenslet_studio::optics::{heuristic_layout, random_layout};
+use lenslet_studio::progress::CancelToken;
 use lenslet_studio::workbench::{RankedStart, RunQueue, RunStatus, RunStore, Start, run_ideal};
 
 #[test]
@@ -291,13 +292,14 @@ fn two_results_in(folder: &Path) -> Vec<RankedStart> {
         keep: None,
         weights: WeightsFiles::default(),
     };
-    let go_on = || std::ops::ControlFlow::Continue(());
+    let never = CancelToken::new();
     let kept = RunStore::in_folder(&folder.join("run")).unwrap();
     let found = |(at, start): (usize, &Start)| {
         let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(at, &ideal.to_bytes()?);
-        let record = run_ideal(&start.design, &settings, None, &|_| go_on(), keep, &mut |_| go_on()).unwrap();
+        let (reading, progress) = (&mut never.clone(), &mut never.clone());
+        let record = run_ideal(&start.design, &settings, None, reading, keep, progress).unwrap();
         let design = std::sync::Arc::new(record.design());
-        let estimate = estimate(&design, &request, &mut |_| go_on()).unwrap();
+        let estimate = estimate(&design, &request, &mut never.clone()).unwrap();
         let (name, record) = (start.name.clone(), Some(std::sync::Arc::new(record)));
         RankedStart { name, design, sensor: Some(estimate.clone()), estimate, is_scored: true, record }
     };

@@ -1,21 +1,20 @@
 //! Causal density model of the measurements; its cross-entropy gives an upper bound on the information.
 
-use std::ops::ControlFlow;
-
 use ndarray::{Array3, ArrayView3, Axis, Slice, concatenate};
 
-use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit, SAMPLE, WARM_RATE};
+use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, SAMPLE, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::design::objective_model::held_out::{HeldOut, HeldOutPatches};
 use crate::forward::ForwardModel;
 use crate::information::{AnalyticMoments, MeasurementStream};
 use crate::information::{
-    CausalFit, CausalModel, CausalRefit, CausalShape, FitLength, FrozenDensity, InformationError, NoiseEntropy,
-    PatchBatch, PatchStream, Protocol, check_causal_patch, score_with_progress,
+    CausalFit, CausalModel, CausalRefit, CausalShape, FitContext, FitLength, FitStep, FrozenDensity, InformationError,
+    NoiseEntropy, PatchBatch, PatchStream, Protocol, check_causal_patch, score_with_progress,
 };
 use crate::objects::Split;
 use crate::optics::{Lenslet, LensletArray, Limits, render_psf};
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 
 /// The causal model, refitted to the mask.
@@ -85,31 +84,29 @@ impl DensityModel {
     }
 }
 
-/// Patches of a gradient between two calls of the cancel callback.
-const CHECK_EVERY: usize = 64;
+/// Patches of a gradient between two reports.
+const REPORT_EVERY: usize = 64;
 
-/// Density whose gradient by thousands of patches can be cancelled.
-struct Cancellable<'a> {
-    model: &'a dyn FrozenDensity,
-    proceed: &'a dyn Fn() -> bool,
-}
+/// Density whose gradient by thousands of patches is computed in parts.
+struct InParts<'a>(&'a dyn FrozenDensity);
 
-impl FrozenDensity for Cancellable<'_> {
+impl FrozenDensity for InParts<'_> {
     fn information_gradient(
         &self,
         clean: ArrayView3<'_, f32>,
         normals: ArrayView3<'_, f32>,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<(f64, Array3<f64>), InformationError> {
         let patches = clean.len_of(Axis(0));
         let mut gradient = Array3::zeros(clean.dim());
         let mut bits = 0.0;
-        for first in (0..patches).step_by(CHECK_EVERY) {
-            if !(self.proceed)() {
+        for first in (0..patches).step_by(REPORT_EVERY) {
+            if progress.report(&first).is_break() {
                 return Err(InformationError::Cancelled);
             }
-            let part = Slice::from(first..(first + CHECK_EVERY).min(patches));
+            let part = Slice::from(first..(first + REPORT_EVERY).min(patches));
             let (clean, normals) = (clean.slice_axis(Axis(0), part), normals.slice_axis(Axis(0), part));
-            let (part_bits, mut by_part) = self.model.information_gradient(clean, normals)?;
+            let (part_bits, mut by_part) = self.0.information_gradient(clean, normals, progress)?;
             let share = by_part.len_of(Axis(0)) as f64 / patches as f64;
             by_part *= share;
             bits += share * part_bits;
@@ -131,13 +128,14 @@ impl ObjectiveModel for DensityModel {
         Ok(())
     }
 
-    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError> {
+    fn fit(&mut self, fit: &ModelFit, progress: &mut dyn Progress<f64>) -> Result<(), IdealError> {
         let &ModelFit { steps, seed, warm } = fit;
         let mut fit = CausalFit::new(FitLength::Steps(steps), seed);
         if warm {
             fit.rate *= WARM_RATE;
         }
-        fit.fit(&mut self.model, &self.stream, &mut |progress| on_fit(progress.step as f64 / steps as f64))?;
+        let on_step = &mut |step: &FitStep<'_>| progress.report(&(step.progress.step as f64 / steps as f64));
+        fit.fit(&mut self.model, &FitContext::new(&self.stream), on_step)?;
         Ok(())
     }
 
@@ -146,27 +144,30 @@ impl ObjectiveModel for DensityModel {
         &ModelFit { steps: all, seed, .. }: &ModelFit,
         array: &LensletArray,
         steps: usize,
-        proceed: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<bool, IdealError> {
         let psf = render_psf(array, self.forward.set.planes())?;
         let stream = self.training_stream(psf.view())?;
         let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
-        refit.advance_to(steps, &stream, proceed)?;
+        refit.advance_to(steps, &stream, progress)?;
         self.model = refit.model();
         Ok(true)
     }
 
-    fn value(&self, array: &LensletArray, _last: bool, proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
+    fn value(
+        &self,
+        array: &LensletArray,
+        _last: bool,
+        progress: &mut dyn Progress<usize>,
+    ) -> Result<ModelValue, IdealError> {
         let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.forward, array)?;
         let test = PatchBatch { noisy, clean: Some(clean) };
-        let watch = &mut |_| if proceed() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let (information, _) = score_with_progress(&self.model, &self.entropy, &test, watch)?;
+        let (information, _) = score_with_progress(&self.model, &self.entropy, &test, progress)?;
         self.held_out.value(&information)
     }
 
-    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
-        let held = Cancellable { model: &self.model, proceed };
-        Ok(self.forward.gradient(array, draw, self.patch, &held)?.lenslets)
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, progress: &mut dyn Progress<usize>) -> MaskGradient {
+        Ok(self.forward.gradient(array, draw, self.patch, &InParts(&self.model), progress)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -189,7 +190,7 @@ impl ObjectiveModel for DensityModel {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
+    use std::ops::ControlFlow;
 
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet};
@@ -202,10 +203,13 @@ mod tests {
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
         let model = DensityModel::new(&forward, &start, &Limits::default(), (6, 6), 1).unwrap();
-        let left = Cell::new(2);
-        let value = model.value(&start, false, &|| left.replace(left.get() - 1) > 1);
+        let mut reports = 0;
+        let value = model.value(&start, false, &mut |_: &usize| {
+            reports += 1;
+            if reports < 2 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        });
         assert!(matches!(value, Err(IdealError::Information(InformationError::Cancelled))));
-        assert_eq!(left.get(), 0);
+        assert_eq!(reports, 2);
     }
 
     /// Density whose information is a mean.
@@ -216,6 +220,7 @@ mod tests {
             &self,
             clean: ArrayView3<'_, f32>,
             normals: ArrayView3<'_, f32>,
+            _progress: &mut dyn Progress<usize>,
         ) -> Result<(f64, Array3<f64>), InformationError> {
             let share = 1.0 / clean.len() as f64;
             let values = (&clean * &normals).mapv(f64::from);
@@ -227,22 +232,20 @@ mod tests {
     fn gradient_is_the_mean_of_its_parts_and_can_be_cancelled() {
         let clean = Array3::from_shape_fn((150, 2, 3), |(n, r, c)| (n * 7 % 11 + r + 2 * c) as f32);
         let normals = clean.mapv(|x| 0.1 * x - 0.4);
-        let asked = Cell::new(0);
-        let proceed = |most: usize| {
-            let asked = &asked;
-            move || {
-                asked.set(asked.get() + 1);
-                asked.get() <= most
-            }
+        let computed = |model: &dyn FrozenDensity, last: usize| {
+            let mut reported = Vec::new();
+            let result = model.information_gradient(clean.view(), normals.view(), &mut |patches: &usize| {
+                reported.push(*patches);
+                if *patches < last { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            });
+            (result, reported)
         };
-        let held = Cancellable { model: &Mean, proceed: &proceed(3) };
-        let (bits, gradient) = held.information_gradient(clean.view(), normals.view()).unwrap();
-        let (whole, by_whole) = Mean.information_gradient(clean.view(), normals.view()).unwrap();
+        let (result, reported) = computed(&InParts(&Mean), 150);
+        assert_eq!(reported, [0, 64, 128]);
+        let (bits, gradient) = result.unwrap();
+        let (whole, by_whole) = computed(&Mean, 150).0.unwrap();
         assert!((bits - whole).abs() < 1e-12 * whole.abs());
         assert!(gradient.iter().zip(&by_whole).all(|(one, other)| (one - other).abs() < 1e-15));
-        assert_eq!(asked.get(), 3);
-        let held = Cancellable { model: &Mean, proceed: &proceed(5) };
-        let left = held.information_gradient(clean.view(), normals.view());
-        assert!(matches!(left, Err(InformationError::Cancelled)) && asked.get() == 6);
+        assert_eq!(computed(&InParts(&Mean), 64), (Err(InformationError::Cancelled), vec![0, 64]));
     }
 }

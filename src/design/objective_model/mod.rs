@@ -5,8 +5,6 @@ mod held_out;
 mod pixelcnn;
 mod posterior;
 
-use std::ops::ControlFlow;
-
 pub(super) use density::DensityModel;
 pub(super) use pixelcnn::PixelCnnModel;
 pub(super) use posterior::{BLOCK, PosteriorModel, SceneDraw, lower_bound};
@@ -15,15 +13,13 @@ use super::error::IdealError;
 use super::gradient::GradientDraw;
 use crate::information::{CausalModel, DecoderRefit};
 use crate::optics::{LensletArray, LensletGradient};
+use crate::progress::Progress;
 
 /// Factor of the learning rate of warm fits.
 const WARM_RATE: f64 = 0.5;
 
 /// Patches that a density model takes its data scale from.
 const SAMPLE: usize = 256;
-
-/// Callback with the share of a fit that is done, 0 to 1; `Break` cancels the fit.
-pub(super) type OnFit<'a> = &'a mut dyn FnMut(f64) -> ControlFlow<()>;
 
 /// Length and start of one fit.
 #[derive(Clone, Copy, Debug)]
@@ -53,15 +49,20 @@ pub(super) trait ObjectiveModel {
     /// Points the model at another mask, with its present weights or, where it is not `warm`, with those of the start.
     fn retarget(&mut self, array: &LensletArray, warm: bool) -> Result<(), IdealError>;
 
-    /// Fits the weights to fresh training measurements of the mask.
-    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError>;
+    /// Fits the weights to fresh training measurements of the mask; reports the share of the fit that is done, 0 to 1.
+    fn fit(&mut self, fit: &ModelFit, progress: &mut dyn Progress<f64>) -> Result<(), IdealError>;
 
-    /// Information of a mask on held-out objects, the same ones every time; on more of them for the `last` value of a run. It is
-    /// cancelled where `proceed` returns false.
-    fn value(&self, array: &LensletArray, last: bool, proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError>;
+    /// Information of a mask on held-out objects, the same ones every time; on more of them for the `last` value of a run.
+    /// Reports the number of measurements so far.
+    fn value(
+        &self,
+        array: &LensletArray,
+        last: bool,
+        progress: &mut dyn Progress<usize>,
+    ) -> Result<ModelValue, IdealError>;
 
-    /// Gradient of the information by every lenslet. It is cancelled where `proceed` returns false.
-    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient;
+    /// Gradient of the information by every lenslet; reports the number of patches so far.
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, progress: &mut dyn Progress<usize>) -> MaskGradient;
 
     /// Weights and `details`, as the bytes of a safetensors file.
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError>;
@@ -80,14 +81,14 @@ pub(super) trait ObjectiveModel {
     /// Installs the weights of such a fit.
     fn install(&mut self, _fit: DecoderRefit) {}
 
-    /// Continues a fit up to `steps` of its steps on measurements of the moving mask, and uses its weights at once. Returns whether
-    /// the model can be fitted so.
+    /// Continues a fit up to `steps` of its steps on measurements of the moving mask, and uses its weights at once. Reports the
+    /// number of steps so far. Returns whether the model can be fitted so.
     fn fit_online(
         &mut self,
         _fit: &ModelFit,
         _array: &LensletArray,
         _steps: usize,
-        _proceed: &dyn Fn() -> bool,
+        _progress: &mut dyn Progress<usize>,
     ) -> Result<bool, IdealError> {
         Ok(false)
     }

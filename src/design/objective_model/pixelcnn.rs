@@ -1,7 +1,7 @@
 //! `PixelCNN` density model of the measurements, as published.
 
 use super::held_out::{HeldOut, HeldOutPatches};
-use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit, SAMPLE};
+use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, SAMPLE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
@@ -12,6 +12,7 @@ use crate::information::{
 };
 use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
+use crate::progress::Progress;
 use crate::seeds::SeedStream;
 
 /// Patches of one fit; a tenth of them validates it.
@@ -64,7 +65,7 @@ impl ObjectiveModel for PixelCnnModel {
         Ok(())
     }
 
-    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError> {
+    fn fit(&mut self, fit: &ModelFit, progress: &mut dyn Progress<f64>) -> Result<(), IdealError> {
         let &ModelFit { steps, seed, warm } = fit;
         let drawn = self.stream.draw(TRAINING, seed)?;
         let steps_per_epoch = EPOCH.min(steps);
@@ -74,12 +75,17 @@ impl ObjectiveModel for PixelCnnModel {
         let patches = TrainingPatches { noisy: drawn.noisy.view(), clean: None };
         let start = warm.then_some(&self.network);
         let share = |step: usize| step as f64 / (epochs * steps_per_epoch) as f64;
-        let on_progress = &mut |progress: &FitProgress| on_fit(share(progress.step));
-        (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, patches, start, on_progress)?;
+        let on_step = &mut |step: &FitProgress| progress.report(&share(step.step));
+        (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, patches, start, on_step)?;
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, _last: bool, _proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
+    fn value(
+        &self,
+        array: &LensletArray,
+        _last: bool,
+        _progress: &mut dyn Progress<usize>,
+    ) -> Result<ModelValue, IdealError> {
         let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.forward, array)?;
         let noisy = dequantised(noisy.view(), SeedStream::Dequantisation.derive(self.seed), 0);
         let cross_entropy = self.network.cross_entropy_bits(noisy.view())?;
@@ -88,9 +94,9 @@ impl ObjectiveModel for PixelCnnModel {
         self.held_out.value(&information)
     }
 
-    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
-        let held = FrozenPixelCnn { network: &self.network, noise: self.forward.noise, go_on: proceed };
-        Ok(self.forward.gradient(array, draw, self.patch, &held)?.lenslets)
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, progress: &mut dyn Progress<usize>) -> MaskGradient {
+        let held = FrozenPixelCnn { network: &self.network, noise: self.forward.noise };
+        Ok(self.forward.gradient(array, draw, self.patch, &held, progress)?.lenslets)
     }
 
     fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {

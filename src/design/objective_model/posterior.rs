@@ -1,10 +1,10 @@
 //! Decoder of beads: it gives a lower bound on the information and, by the I-MMSE relation, its gradient.
 
-use std::ops::{ControlFlow, Range};
+use std::ops::Range;
 
 use ndarray::{Array2, Array3, ArrayView3, s};
 
-use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit, WARM_RATE};
+use super::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, WARM_RATE};
 use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
@@ -13,6 +13,7 @@ use crate::information::{
     decoder_information,
 };
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
+use crate::progress::{CancelToken, Progress};
 use crate::seeds::SeedStream;
 
 /// Pixels of a patch of 32 x 32 px; larger patches need fewer scenes.
@@ -81,19 +82,18 @@ impl PosteriorModel<'_> {
         Ok(DecoderRefit::new(fit, &self.decoder)?)
     }
 
-    /// Continues such a fit up to `steps` of its steps, on measurements through a mask. It is cancelled where `proceed` returns
-    /// false.
+    /// Continues such a fit up to `steps` of its steps, on measurements through a mask. The token is checked after
+    /// every step.
     pub(in crate::design) fn continue_fit(
         &self,
         refit: &mut DecoderRefit,
         array: &LensletArray,
         steps: usize,
-        proceed: &dyn Fn() -> bool,
+        cancel: &CancelToken,
     ) -> Result<(), IdealError> {
         if refit.steps() < steps {
             let channel = channel(self.forward, array, self.patch)?;
-            let watch = &mut |_| if proceed() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-            refit.advance_to(&channel, steps, watch)?;
+            refit.advance_to(&channel, steps, &mut cancel.clone())?;
         }
         Ok(())
     }
@@ -103,10 +103,10 @@ impl PosteriorModel<'_> {
         &self,
         array: &LensletArray,
         scenes: Range<usize>,
-        proceed: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<Vec<f64>, IdealError> {
         let seed = SeedStream::RunLowerBound.derive(self.seed);
-        self.gains(array, &SceneDraw { scenes, seed, block: BLOCK }, proceed)
+        self.gains(array, &SceneDraw { scenes, seed, block: BLOCK }, progress)
     }
 
     /// Information gain of scenes through a mask, bits.
@@ -114,10 +114,10 @@ impl PosteriorModel<'_> {
         &self,
         array: &LensletArray,
         draw: &SceneDraw,
-        proceed: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<Vec<f64>, IdealError> {
         let channel = channel(self.forward, array, self.patch)?;
-        Ok(decoder_information(&self.decoder, &channel, (draw.seed, draw.block), draw.scenes.clone(), proceed)?)
+        Ok(decoder_information(&self.decoder, &channel, (draw.seed, draw.block), draw.scenes.clone(), progress)?)
     }
 }
 
@@ -147,17 +147,22 @@ impl ObjectiveModel for PosteriorModel<'_> {
         Ok(())
     }
 
-    fn fit(&mut self, fit: &ModelFit, on_fit: OnFit<'_>) -> Result<(), IdealError> {
+    fn fit(&mut self, fit: &ModelFit, progress: &mut dyn Progress<f64>) -> Result<(), IdealError> {
         let steps = fit.steps;
         let mut refit = self.refit(fit)?;
-        refit.advance_to(&self.channel, steps, &mut |step: usize| on_fit(step as f64 / steps as f64))?;
+        refit.advance_to(&self.channel, steps, &mut |step: &usize| progress.report(&(*step as f64 / steps as f64)))?;
         self.install(refit);
         Ok(())
     }
 
-    fn value(&self, array: &LensletArray, last: bool, proceed: &dyn Fn() -> bool) -> Result<ModelValue, IdealError> {
+    fn value(
+        &self,
+        array: &LensletArray,
+        last: bool,
+        progress: &mut dyn Progress<usize>,
+    ) -> Result<ModelValue, IdealError> {
         let scenes = if last { LAST * self.scenes() } else { self.scenes() };
-        Ok(lower_bound(self.held_out_gains(array, 0..scenes, proceed)?))
+        Ok(lower_bound(self.held_out_gains(array, 0..scenes, progress)?))
     }
 
     fn posterior(&self) -> Option<&PosteriorModel<'_>> {
@@ -168,7 +173,7 @@ impl ObjectiveModel for PosteriorModel<'_> {
         self.decoder = fit.decoder();
     }
 
-    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, _proceed: &dyn Fn() -> bool) -> MaskGradient {
+    fn gradient(&self, array: &LensletArray, draw: &GradientDraw, _progress: &mut dyn Progress<usize>) -> MaskGradient {
         self.forward.posterior_gradient(array, self.patch, draw.patches, draw.seed, &self.decoder)
     }
 
@@ -246,14 +251,14 @@ mod tests {
         let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let mask = heuristic_layout(3);
         let model = PosteriorModel::new(&forward, &mask, (8, 8), 1).unwrap();
-        let gains = |scenes: Range<usize>| model.held_out_gains(&mask, scenes, &|| true).unwrap();
+        let gains = |scenes: Range<usize>| model.held_out_gains(&mask, scenes, &mut CancelToken::new()).unwrap();
         let mut parts = Vec::new();
         for end in [8, 24, 30, 300, model.scenes()] {
             parts.extend(gains(parts.len()..end));
         }
         assert_eq!(parts, gains(0..model.scenes()));
         assert!(parts.iter().any(|bits| (bits - parts[0]).abs() > 1e-3), "scenes differ");
-        assert_eq!(lower_bound(parts), model.value(&mask, false, &|| true).unwrap());
+        assert_eq!(lower_bound(parts), model.value(&mask, false, &mut CancelToken::new()).unwrap());
     }
 
     #[test]

@@ -1,8 +1,6 @@
 //! Gradient steps of one round. A step has several substeps; fits and checkpoints are computed in parts between them, so that the
 //! mask moves smoothly.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use super::{IdealOptimizer, Moment};
 use crate::design::adam::{PARAMETERS, ParameterGradient, by_parameters};
 use crate::design::error::IdealError;
@@ -13,6 +11,7 @@ use crate::design::state::IdealEvent;
 use crate::information::InformationError;
 use crate::objects::Split;
 use crate::optics::LensletArray;
+use crate::progress::CancelToken;
 use crate::seeds::SeedStream;
 
 /// Refused steps after which a run fails.
@@ -66,20 +65,22 @@ impl IdealOptimizer<'_> {
             let substep = Substep { index: (number - 1) % substeps, of: substeps };
             let due = fit.steps * number / all;
             if self.settings.warm {
-                let proceed = || observer.notify(&self.state, None).is_continue();
-                self.state.model_up_to_date = self.model.fit_online(&fit, &self.state.array, due, &proceed)?;
+                let progress = &mut |_: &usize| observer.notify(&self.state, None);
+                self.state.model_up_to_date = self.model.fit_online(&fit, &self.state.array, due, progress)?;
             }
-            let (mut fitted, has_failed) = (Ok(()), AtomicBool::new(false));
+            let (mut fitted, failed) = (Ok(()), CancelToken::new());
             let gradient = rayon::in_place_scope(|scope| {
                 if let (Some(refit), Some(posterior)) = (&mut refit, self.model.posterior()) {
                     let array = &self.state.array;
-                    let (fitted, proceed) = (&mut fitted, || !has_failed.load(Ordering::Relaxed));
-                    scope.spawn(move |_| *fitted = posterior.continue_fit(refit, array, due, &proceed));
+                    let (fitted, cancel) = (&mut fitted, &failed);
+                    scope.spawn(move |_| *fitted = posterior.continue_fit(refit, array, due, cancel));
                 }
                 let evaluated =
                     evaluated.map_or(Ok(()), |array| self.evaluate_share(array, (number, all), &mut gains, observer));
                 let gradient = evaluated.and_then(|()| self.substep_gradient(substep, observer));
-                has_failed.store(gradient.is_err(), Ordering::Relaxed);
+                if gradient.is_err() {
+                    failed.cancel();
+                }
                 gradient
             })?;
             fitted?;
@@ -114,8 +115,8 @@ impl IdealOptimizer<'_> {
         let Some(posterior) = self.model.posterior() else { return Ok(()) };
         let due = posterior.scenes() * part / all / SCENES_AT_ONCE * SCENES_AT_ONCE;
         if gains.len() < due {
-            let proceed = || observer.notify(&self.state, None).is_continue();
-            gains.extend(posterior.held_out_gains(array, gains.len()..due, &proceed)?);
+            let progress = &mut |_: &usize| observer.notify(&self.state, None);
+            gains.extend(posterior.held_out_gains(array, gains.len()..due, progress)?);
         }
         Ok(())
     }
@@ -142,8 +143,8 @@ impl IdealOptimizer<'_> {
             patches: share,
             seed: stream.derive(self.settings.seed),
         };
-        let proceed = || observer.notify(&self.state, None).is_continue();
-        let mut gradient = by_parameters(array, &self.model.gradient(array, &draw, &proceed)?);
+        let progress = &mut |_: &usize| observer.notify(&self.state, None);
+        let mut gradient = by_parameters(array, &self.model.gradient(array, &draw, progress)?);
         let weight = share as f64 / patches as f64;
         gradient.iter_mut().flatten().for_each(|derivative| *derivative *= weight);
         Ok(gradient)
@@ -280,7 +281,7 @@ mod tests {
             let mut bytes = ideal.model.to_bytes(Vec::new()).unwrap();
             weights_in(&mut bytes).to_vec()
         };
-        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut CancelToken::new()).unwrap();
         let mut whole = small(&forward, &settings);
         advance(&mut whole);
         let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));

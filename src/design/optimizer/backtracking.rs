@@ -62,8 +62,8 @@ impl IdealOptimizer<'_> {
         let Some(best) = self.better(last, MOST_LOSS) else { return Ok(()) };
         if let Some(posterior) = self.model.posterior() {
             let gains = |array: &LensletArray| {
-                let proceed = || observer.notify(&self.state, Some((Phase::Measuring, 1.0))).is_continue();
-                posterior.held_out_gains(array, 0..posterior.scenes(), &proceed)
+                let progress = &mut |_: &usize| observer.notify(&self.state, Some((Phase::Measuring, 1.0)));
+                posterior.held_out_gains(array, 0..posterior.scenes(), progress)
             };
             let (loss, half_width) = paired_gain(&gains(&last.array)?, &gains(&best.array)?);
             if loss < MOST_LOSS.max(half_width) {
@@ -123,14 +123,13 @@ impl IdealOptimizer<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::super::refit_check::COLD_FIT_EVERY;
     use super::super::tests::{beads, few_beads, short, small};
     use super::*;
     use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::forward::ForwardModel;
     use crate::optics::{Lenslet, Spot};
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     #[test]
@@ -147,7 +146,7 @@ mod tests {
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
         let mut ideal = small(&forward, &settings);
-        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut CancelToken::new()).unwrap();
         let blur = |ideal: &mut IdealOptimizer<'_>| ideal.state.array.lenslets[0].spot = Spot::Isotropic(5.0);
         let reverts = |ideal: &IdealOptimizer<'_>| -> Vec<IdealEvent> {
             let is_revert = |event: &&IdealEvent| matches!(event, IdealEvent::Reverted { .. });
@@ -192,7 +191,7 @@ mod tests {
         let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();
         let lenslets = [4.0, 11.0].map(|x| Lenslet::round(x, 7.5, 0.8, 0.5));
         let mut ideal = short(&forward, &lenslets, 3);
-        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut CancelToken::new()).unwrap();
         let blur = |ideal: &mut IdealOptimizer<'_>| {
             for lenslet in &mut ideal.state.array.lenslets {
                 lenslet.spot = Spot::Isotropic(5.0);

@@ -68,15 +68,14 @@ impl IdealOptimizer<'_> {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::super::tests::{beads, small, without_weights};
     use super::*;
     use crate::design::gradient::GradientDraw;
-    use crate::design::objective_model::{MaskGradient, ModelFit, ModelValue, ObjectiveModel, OnFit};
+    use crate::design::objective_model::{MaskGradient, ModelFit, ModelValue, ObjectiveModel};
     use crate::design::settings::{IdealSettings, Objective, Preset};
     use crate::forward::ForwardModel;
     use crate::optics::LensletArray;
+    use crate::progress::{CancelToken, Progress};
     use crate::sensor::Noise;
 
     #[test]
@@ -91,7 +90,7 @@ mod tests {
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
         let mut ideal = small(&forward, &settings);
-        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+        let advance = |ideal: &mut IdealOptimizer<'_>| ideal.advance(&mut CancelToken::new()).unwrap();
         advance(&mut ideal);
         assert_eq!(ideal.state.events, []);
         // A model without weights overestimates the mask by far.
@@ -116,8 +115,8 @@ mod tests {
             self.0.retarget(array, warm)
         }
 
-        fn fit(&mut self, fit: &ModelFit, watch: OnFit<'_>) -> Result<(), IdealError> {
-            self.0.fit(fit, watch)?;
+        fn fit(&mut self, fit: &ModelFit, progress: &mut dyn Progress<f64>) -> Result<(), IdealError> {
+            self.0.fit(fit, progress)?;
             if fit.warm { Ok(()) } else { self.0.restore(&without_weights(self.0.to_bytes(Vec::new())?)) }
         }
 
@@ -126,22 +125,27 @@ mod tests {
             fit: &ModelFit,
             array: &LensletArray,
             steps: usize,
-            proceed: &dyn Fn() -> bool,
+            progress: &mut dyn Progress<usize>,
         ) -> Result<bool, IdealError> {
-            self.0.fit_online(fit, array, steps, proceed)
+            self.0.fit_online(fit, array, steps, progress)
         }
 
         fn value(
             &self,
             array: &LensletArray,
             last: bool,
-            proceed: &dyn Fn() -> bool,
+            progress: &mut dyn Progress<usize>,
         ) -> Result<ModelValue, IdealError> {
-            self.0.value(array, last, proceed)
+            self.0.value(array, last, progress)
         }
 
-        fn gradient(&self, array: &LensletArray, draw: &GradientDraw, proceed: &dyn Fn() -> bool) -> MaskGradient {
-            self.0.gradient(array, draw, proceed)
+        fn gradient(
+            &self,
+            array: &LensletArray,
+            draw: &GradientDraw,
+            progress: &mut dyn Progress<usize>,
+        ) -> MaskGradient {
+            self.0.gradient(array, draw, progress)
         }
 
         fn to_bytes(&self, details: Vec<(&str, String)>) -> Result<Vec<u8>, IdealError> {
@@ -177,7 +181,7 @@ mod tests {
         let mut whole = begun();
         let mut kept = Vec::new();
         while !whole.is_finished() {
-            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            whole.advance(&mut CancelToken::new()).unwrap();
             if [COLD_FIT_EVERY, COLD_FIT_EVERY + 1].contains(&whole.state.checkpoints.len()) {
                 kept.push(whole.to_bytes().unwrap());
             }
@@ -188,7 +192,7 @@ mod tests {
         for bytes in kept {
             let mut resumed = begun().resumed(&bytes).unwrap();
             while !resumed.is_finished() {
-                resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+                resumed.advance(&mut CancelToken::new()).unwrap();
             }
             assert_eq!(resumed.state.array, whole.state.array);
             let bits = |ideal: &IdealOptimizer<'_>| -> Vec<f64> {

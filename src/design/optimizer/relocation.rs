@@ -54,8 +54,8 @@ impl IdealOptimizer<'_> {
             return Ok(());
         }
         let gains = |array: &LensletArray, scenes: Range<usize>, part: u64, block: usize, share: f64| {
-            let proceed = || observer.notify(state, Some((Phase::Searching, share))).is_continue();
-            posterior.gains(array, &SceneDraw { scenes, seed: seed(part), block }, &proceed)
+            let progress = &mut |_: &usize| observer.notify(state, Some((Phase::Searching, share)));
+            posterior.gains(array, &SceneDraw { scenes, seed: seed(part), block }, progress)
         };
         let blocks = posterior.scenes() / BLOCK;
         let compared = COMPARED * blocks * BLOCK;
@@ -185,13 +185,12 @@ fn mean_light(array: &LensletArray, free: &[usize]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::super::tests::{few_beads, short};
     use super::*;
     use crate::design::settings::{Free, Objective, Preset};
     use crate::forward::ForwardModel;
     use crate::optics::Spot;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     fn settings() -> IdealSettings {
@@ -327,7 +326,7 @@ mod tests {
         let mut whole = run();
         let mut kept = Vec::new();
         while !whole.is_finished() {
-            whole.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            whole.advance(&mut CancelToken::new()).unwrap();
             kept.push(whole.to_bytes().unwrap());
         }
         assert_eq!(whole.state.events[0], IdealEvent::Relocated { step: 1, lenslet: 1 });
@@ -336,7 +335,7 @@ mod tests {
         assert!(after.bits_per_pixel > whole.state.checkpoints[0].bits_per_pixel);
         let mut resumed = run().resumed(&kept[0]).unwrap();
         while !resumed.is_finished() {
-            resumed.advance(&mut |_| ControlFlow::Continue(())).unwrap();
+            resumed.advance(&mut CancelToken::new()).unwrap();
         }
         assert_eq!(resumed.state.array, whole.state.array);
     }

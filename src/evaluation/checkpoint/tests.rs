@@ -1,7 +1,6 @@
 //! Checkpoints are resumed, refused, and removed.
 
 use std::fs::File;
-use std::ops::ControlFlow;
 
 use ndarray::Array2;
 
@@ -12,6 +11,7 @@ use crate::formats::json_of;
 use crate::forward::Design;
 use crate::information::{DecoderKind, EngineChoice, Estimator, Protocol, TrialSettings};
 use crate::optics::{Encoder, PsfImage, heuristic_layout};
+use crate::progress::CancelToken;
 use crate::sensor::Noise;
 
 #[test]
@@ -86,7 +86,7 @@ fn checkpoints_of_earlier_programs_are_resumed() {
 }
 
 fn objects_of(design: &Design) -> String {
-    Scene::open(design, &|_| ControlFlow::Continue(())).unwrap().set.fingerprint()
+    Scene::open(design, &mut CancelToken::new()).unwrap().set.fingerprint()
 }
 
 #[cfg(target_os = "linux")]

@@ -1,6 +1,5 @@
 //! AIS bounds in bits per pixel.
 
-use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
@@ -26,6 +25,7 @@ use crate::information::statistics::area_sums::AreaSums;
 use crate::information::statistics::student_t::student_95;
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::Pool;
+use crate::progress::Progress;
 
 /// Samples between two reports.
 const REPORT: usize = 4;
@@ -147,9 +147,6 @@ pub struct AisBound {
     pub seed: u64,
 }
 
-/// Progress callback of an AIS bound, called on any thread; `Break` cancels.
-pub type OnAis<'a> = &'a mut (dyn FnMut(&AisProgress) -> ControlFlow<()> + Send);
-
 /// Upper bound on the information of a channel by forward AIS. It holds for any decoder; a better decoder and more
 /// temperatures lower it. The noise is that of [`bounding`](crate::sensor::Noise::bounding).
 ///
@@ -157,16 +154,16 @@ pub type OnAis<'a> = &'a mut (dyn FnMut(&AisProgress) -> ControlFlow<()> + Send)
 ///
 /// # Errors
 /// For an invalid channel or settings, for a checkpoint that cannot be read or written or belongs to another bound, and
-/// when `on_progress`, called every 50 ms, cancels.
+/// when `progress`, which receives reports every 50 ms on any thread, cancels.
 pub fn ais_upper_bound(
     channel: &BeadChannel,
     fit: &AisSettings,
     decoder: &Decoder,
     keeper: Option<&dyn FitCheckpoint>,
-    on_progress: OnAis<'_>,
+    progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
     let bounding = BeadChannel { noise: channel.noise.bounding(), ..channel.clone() };
-    bound(&bounding, fit, (decoder, Side::Above), keeper, on_progress)
+    bound(&bounding, fit, (decoder, Side::Above), keeper, progress)
 }
 
 /// Lower bound on the information of a channel by reverse AIS. It holds for any decoder; a better decoder and more
@@ -179,10 +176,10 @@ pub fn ais_lower_bound(
     fit: &AisSettings,
     decoder: &Decoder,
     keeper: Option<&dyn FitCheckpoint>,
-    on_progress: OnAis<'_>,
+    progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
     let fit = AisSettings { groups: 1, particles: 1, ..fit.clone() };
-    bound(channel, &fit, (decoder, Side::Below), keeper, on_progress)
+    bound(channel, &fit, (decoder, Side::Below), keeper, progress)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -196,7 +193,7 @@ fn bound(
     fit: &AisSettings,
     (decoder, side): (&Decoder, Side),
     keeper: Option<&dyn FitCheckpoint>,
-    on_progress: OnAis<'_>,
+    progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
     fit.check()?;
     let followed = keeper.map(|keeper| AisCheckpoint::restore(keeper, fit.samples)).transpose()?.flatten();
@@ -207,19 +204,19 @@ fn bound(
     let time = Stopwatch::after(before);
     let problem = Problem::new(channel)?;
     let known = (nats.len(), mean_and_half_width(&nats, 0.0, problem.pixels()).0);
-    let watch = AisObserver::new(on_progress, known, (fit.samples, fit.budget), time);
-    let sampler = AisSampler::new(channel, &problem, fit, decoder, &watch)?;
+    let observer = AisObserver::new(progress, known, (fit.samples, fit.budget), time);
+    let sampler = AisSampler::new(channel, &problem, fit, decoder, &observer)?;
     let levels = levels.unwrap_or_else(|| sampler.levels_within_budget(side, time));
     let mut kept = time.elapsed();
     loop {
         let first = nats.len();
         nats.extend(sampler.block(first..first + REPORT.min(fit.samples - first), levels, side));
-        if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| watch.is_running()) {
+        if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| observer.poll().is_continue()) {
             return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
         }
         let (mean, half_width) = mean_and_half_width(&nats, sampler.least_variance(), problem.pixels());
         let elapsed = time.elapsed();
-        if !watch.note(nats.len(), mean) {
+        if observer.note(nats.len(), mean).is_break() {
             return Err(InformationError::Cancelled);
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);
@@ -261,7 +258,7 @@ struct AisSampler<'a> {
     problem: &'a Problem,
     fit: &'a AisSettings,
     decoder: &'a Decoder,
-    watch: &'a AisObserver<'a>,
+    observer: &'a AisObserver<'a>,
     free: Pool<Pass<'a>>,
     light: Light,
     steps: Moves,
@@ -275,7 +272,7 @@ impl<'a> AisSampler<'a> {
         problem: &'a Problem,
         fit: &'a AisSettings,
         decoder: &'a Decoder,
-        watch: &'a AisObserver<'a>,
+        observer: &'a AisObserver<'a>,
     ) -> Result<Self, InformationError> {
         let spot = channel.checked_spot()?;
         let light = Light::new(&spot, problem);
@@ -290,7 +287,16 @@ impl<'a> AisSampler<'a> {
                 }
             }
         }
-        Ok(Self { problem, fit, decoder, watch, free: Pool::default(), light, steps: Moves::new(&spot), expected_nats })
+        Ok(Self {
+            problem,
+            fit,
+            decoder,
+            observer,
+            free: Pool::default(),
+            light,
+            steps: Moves::new(&spot),
+            expected_nats,
+        })
     }
 
     /// Variance of a sample by the random number of its beads alone, after the control variate. Samples that happen to hold
@@ -385,12 +391,14 @@ impl<'a> AisSampler<'a> {
             shifts: (SHIFTS_PER_BEAD * problem.probability * sites).ceil() as usize,
         };
         let (light, steps) = (&self.light, &self.steps);
-        let go_on = || self.watch.is_running();
-        let chain = AisChain { light, measured: &measured, initial: &initial, steps, effort, levels, go_on: &go_on };
+        let chain = AisChain { light, measured: &measured, initial: &initial, steps, effort, levels };
+        let progress = &mut |_: &usize| self.observer.poll();
         match side {
-            Side::Above => exact - chain.forward_log_weight(fit.particles, &mut random),
+            Side::Above => exact - chain.forward_log_weight(fit.particles, &mut random, progress),
             // The reverse chain uses the model likelihood, so both terms must.
-            Side::Below => chain.model_log_likelihood(&occupied) - chain.reverse_log_weight(&occupied, &mut random),
+            Side::Below => {
+                chain.model_log_likelihood(&occupied) - chain.reverse_log_weight(&occupied, &mut random, progress)
+            }
         }
     }
 

@@ -13,6 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use super::light::Light;
 use super::proposals::{InitialDistribution, Moves, SweepSize, mcmc_sweep};
 use super::state::{Measurement, State};
+use crate::progress::Progress;
 
 /// Annealing schedule: (share of the temperatures, inverse temperature there). Linear up to the first entry, then linear in
 /// log beta. The schedule is densest at a few hundredths, where beads find their places.
@@ -22,7 +23,7 @@ const RECOMPUTE_EVERY: usize = 16;
 /// Particles are resampled when the effective sample size falls below this share.
 const RESAMPLE_BELOW: f64 = 0.5;
 
-/// One AIS chain.
+/// One AIS chain. It reports every temperature; a chain that is cancelled returns NaN.
 pub(super) struct AisChain<'a> {
     pub light: &'a Light,
     pub measured: &'a Measurement,
@@ -31,8 +32,6 @@ pub(super) struct AisChain<'a> {
     pub effort: SweepSize,
     /// Number of temperatures.
     pub levels: usize,
-    /// Whether to continue, called at every temperature; a chain that is stopped early returns NaN.
-    pub go_on: &'a dyn Fn() -> bool,
 }
 
 /// Inverse temperature at a share (0 to 1) of the schedule.
@@ -71,13 +70,18 @@ impl<'a> AisChain<'a> {
 
     /// Log of an unbiased estimate of the probability of the measurement, nats. Its mean is a lower bound on the log
     /// probability.
-    pub fn forward_log_weight(&self, particles: usize, random: &mut ChaCha8Rng) -> f64 {
+    pub fn forward_log_weight(
+        &self,
+        particles: usize,
+        random: &mut ChaCha8Rng,
+        progress: &mut dyn Progress<usize>,
+    ) -> f64 {
         let mut states: Vec<State<'a>> =
             (0..particles).map(|_| self.state(self.initial.draw(random).into_iter())).collect();
         let mut logs = vec![0.0; states.len()];
         let mut sum = 0.0;
         for level in 1..=self.levels {
-            if !(self.go_on)() {
+            if progress.report(&level).is_break() {
                 return f64::NAN;
             }
             let rise = self.beta(level) - self.beta(level - 1);
@@ -113,11 +117,16 @@ impl<'a> AisChain<'a> {
 
     /// Log weight of the reverse chain from the true beads, nats. Its mean is an upper bound on the log probability of the
     /// measurement.
-    pub fn reverse_log_weight(&self, truth: &[usize], random: &mut ChaCha8Rng) -> f64 {
+    pub fn reverse_log_weight(
+        &self,
+        truth: &[usize],
+        random: &mut ChaCha8Rng,
+        progress: &mut dyn Progress<usize>,
+    ) -> f64 {
         let mut state = self.state(truth.iter().copied());
         let mut sum = 0.0;
         for level in (1..=self.levels).rev() {
-            if !(self.go_on)() {
+            if progress.report(&level).is_break() {
                 return f64::NAN;
             }
             if level < self.levels {

@@ -2,11 +2,11 @@
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use super::bound::{AisProgress, OnAis};
+use super::bound::AisProgress;
 use crate::information::stopwatch::Stopwatch;
+use crate::progress::{CancelToken, Progress};
 
 /// Time between two reports.
 const EVERY: Duration = Duration::from_millis(50);
@@ -14,13 +14,13 @@ const EVERY: Duration = Duration::from_millis(50);
 /// Observer of a bound, shared by all chains.
 pub(super) struct AisObserver<'a> {
     state: Mutex<ObserverState<'a>>,
-    stopped: AtomicBool,
+    cancel: CancelToken,
     time: Stopwatch,
     budget: Option<Duration>,
 }
 
 struct ObserverState<'a> {
-    on_progress: OnAis<'a>,
+    receiver: &'a mut (dyn Progress<AisProgress> + Send),
     progress: AisProgress,
     /// Time when the last sample was done.
     noted: Duration,
@@ -32,7 +32,7 @@ impl<'a> AisObserver<'a> {
     /// An observer of a bound that resumes with `samples` at `bits_per_pixel`, and ends at `most` samples or the
     /// budget.
     pub fn new(
-        on_progress: OnAis<'a>,
+        receiver: &'a mut (dyn Progress<AisProgress> + Send),
         (samples, bits_per_pixel): (usize, f64),
         (most, budget): (usize, Option<Duration>),
         time: Stopwatch,
@@ -40,43 +40,43 @@ impl<'a> AisObserver<'a> {
         let (elapsed, remaining) = (Duration::ZERO, None);
         let progress = AisProgress { samples, most, elapsed, remaining, bits_per_pixel };
         Self {
-            state: Mutex::new(ObserverState { on_progress, progress, noted: time.elapsed(), at: Instant::now() }),
-            stopped: AtomicBool::new(false),
+            state: Mutex::new(ObserverState { receiver, progress, noted: time.elapsed(), at: Instant::now() }),
+            cancel: CancelToken::new(),
             time,
             budget,
         }
     }
 
-    /// Whether the bound should continue. Cheap; reports every 50 ms.
-    pub fn is_running(&self) -> bool {
+    /// `Break` where the bound should end. Cheap; reports every 50 ms.
+    pub fn poll(&self) -> ControlFlow<()> {
         // One report at a time.
         if let Ok(mut state) = self.state.try_lock()
             && state.at.elapsed() >= EVERY
         {
-            self.tell(&mut state);
+            self.report(&mut state);
         }
-        !self.stopped.load(Ordering::Relaxed)
+        self.cancel.check()
     }
 
-    /// Records and reports the bound (bits per pixel) after `samples`; returns whether to continue.
-    pub fn note(&self, samples: usize, bits_per_pixel: f64) -> bool {
+    /// Records and reports the bound (bits per pixel) after `samples`; `Break` where it should end.
+    pub fn note(&self, samples: usize, bits_per_pixel: f64) -> ControlFlow<()> {
         if let Ok(mut state) = self.state.lock()
-            && !self.stopped.load(Ordering::Relaxed)
+            && !self.cancel.is_cancelled()
         {
             (state.progress.samples, state.progress.bits_per_pixel) = (samples, bits_per_pixel);
             state.noted = self.time.elapsed();
-            self.tell(&mut state);
+            self.report(&mut state);
         }
-        !self.stopped.load(Ordering::Relaxed)
+        self.cancel.check()
     }
 
-    fn tell(&self, state: &mut ObserverState<'_>) {
+    fn report(&self, state: &mut ObserverState<'_>) {
         state.at = Instant::now();
         state.progress.elapsed = self.time.elapsed();
         state.progress.remaining = remaining(&state.progress, self.budget, state.noted);
-        let ObserverState { on_progress, progress, .. } = state;
-        if matches!(on_progress(progress), ControlFlow::Break(())) {
-            self.stopped.store(true, Ordering::Relaxed);
+        let ObserverState { receiver, progress, .. } = state;
+        if receiver.report(progress).is_break() {
+            self.cancel.cancel();
         }
     }
 }

@@ -18,6 +18,7 @@ use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::{Purpose, Reveal, Sample};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitCheckpoint, InMemory};
+use crate::progress::CancelToken;
 use crate::sensor::Noise;
 
 const NOISES: [Noise; 3] = [Noise::Shot, Noise::Read { sigma: 4.0 }, Noise::ShotRead { sigma: 2.0 }];
@@ -40,9 +41,9 @@ fn rounding_residues_in_dark_pixels_belong_to_the_channel() {
     let channel = BeadChannel { bias: 0.0, ..toy(Noise::Shot) };
     let fit = AisSettings { samples: 64, ..AisSettings::of_levels(16, 1) };
     let decoder = Decoder::shipped().unwrap();
-    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut CancelToken::new()).unwrap();
     assert!(bound.bits_per_pixel > 0.2 && bound.interval_95[0] > 0.0, "{bound:?}");
-    let below = ais_lower_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let below = ais_lower_bound(&channel, &fit, decoder, None, &mut CancelToken::new()).unwrap();
     assert!(below.interval_95[0] <= bound.interval_95[1], "{below:?}");
     let problem = Problem::new(&channel).unwrap();
     let sample = sample(&problem, 1);
@@ -163,11 +164,13 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
         let initial = InitialDistribution::new(&odds, vec![true; 10], (f64::from(problem.prior_logit()), 14.0));
         let effort = SweepSize { flips: 4, shifts: 2 };
         let (light, measured, initial, steps) = (&light, &measured, &initial, &steps);
-        let chain = |levels| AisChain { light, measured, initial, steps, effort, levels, go_on: &|| true };
+        let chain = |levels| AisChain { light, measured, initial, steps, effort, levels };
         let mut last = f64::NEG_INFINITY;
         for (levels, particles) in [(1, 1), (6, 3), (400, 3)] {
             let chain = chain(levels);
-            let found: Vec<f64> = (0..800).map(|_| chain.forward_log_weight(particles, &mut random) - truth).collect();
+            let found: Vec<f64> = (0..800)
+                .map(|_| chain.forward_log_weight(particles, &mut random, &mut CancelToken::new()) - truth)
+                .collect();
             let (ratio, error) = mean(&found.iter().map(|log| log.exp()).collect::<Vec<f64>>());
             let (log, _) = mean(&found);
             println!("{noise} {levels} {particles}: {ratio} +- {error}, log {log}");
@@ -193,7 +196,7 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
             let found: Vec<f64> = (0..800)
                 .map(|_| {
                     let beads = draw(&mut random);
-                    chain.reverse_log_weight(&beads, &mut random) - truth
+                    chain.reverse_log_weight(&beads, &mut random, &mut CancelToken::new()) - truth
                 })
                 .collect();
             let (ratio, error) = mean(&found.iter().map(|log| (-log).exp()).collect::<Vec<f64>>());
@@ -215,11 +218,7 @@ fn fit(groups: usize, levels: usize) -> AisSettings {
 
 fn bounds(channel: &BeadChannel, fit: &AisSettings) -> [AisBound; 2] {
     let decoder = Decoder::shipped().unwrap();
-    let on = &mut |_: &AisProgress| ControlFlow::Continue(());
-    [
-        ais_lower_bound(channel, fit, decoder, None, on).unwrap(),
-        ais_upper_bound(channel, fit, decoder, None, on).unwrap(),
-    ]
+    [ais_lower_bound, ais_upper_bound].map(|bound| bound(channel, fit, decoder, None, &mut CancelToken::new()).unwrap())
 }
 
 /// The information of a toy by enumeration, bits per pixel, and its standard error.
@@ -302,18 +301,18 @@ fn bound_can_be_cancelled_and_respects_its_budget() {
     let channel = toy(Noise::Shot);
     let decoder = Decoder::shipped().unwrap();
     let mut calls = 0;
-    let stopped = ais_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_| {
+    let stopped = ais_upper_bound(&channel, &fit(2, 5), decoder, None, &mut |_: &AisProgress| {
         calls += 1;
         if calls < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
     });
     assert_eq!((stopped, calls), (Err(InformationError::Cancelled), 3));
     // Cancels inside a chain, too: all of its temperatures would take hours.
     let endless = AisSettings::of_levels(1 << 24, 1);
-    let stopped = ais_lower_bound(&channel, &endless, decoder, None, &mut |_| ControlFlow::Break(()));
+    let stopped = ais_lower_bound(&channel, &endless, decoder, None, &mut |_: &AisProgress| ControlFlow::Break(()));
     assert_eq!(stopped, Err(InformationError::Cancelled));
     let budget = std::time::Duration::from_millis(600);
     let fit = AisSettings { samples: usize::MAX, half_width: 0.0, ..AisSettings::within(budget, 1) };
-    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut |_| ControlFlow::Continue(())).unwrap();
+    let bound = ais_upper_bound(&channel, &fit, decoder, None, &mut CancelToken::new()).unwrap();
     assert!(bound.seconds >= 0.6 && bound.seconds < 6.0 && bound.levels > 1, "{bound:?}");
 }
 
@@ -324,7 +323,7 @@ fn resumed_bound_equals_uninterrupted_bound() {
     for bound in [ais_lower_bound, ais_upper_bound] {
         let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
             let mut expected_nats = Vec::new();
-            let result = bound(&channel, &fit, decoder, keeper, &mut |progress| {
+            let result = bound(&channel, &fit, decoder, keeper, &mut |progress: &AisProgress| {
                 expected_nats.push(progress.samples);
                 if progress.samples < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });
@@ -338,7 +337,7 @@ fn resumed_bound_equals_uninterrupted_bound() {
         assert_eq!((resumed.unwrap(), expected_nats[0] >= 8), (whole, true), "{expected_nats:?}");
     }
     let broken = InMemory(Some(b"a letter".to_vec()).into());
-    let refusal = ais_upper_bound(&channel, &fit, decoder, Some(&broken), &mut |_| ControlFlow::Continue(()));
+    let refusal = ais_upper_bound(&channel, &fit, decoder, Some(&broken), &mut CancelToken::new());
     let message = refusal.unwrap_err().to_string();
     assert!(message.contains("memory"), "{message}");
 }
@@ -351,7 +350,7 @@ fn resumed_bound_keeps_its_number_of_temperatures() {
     AisCheckpoint::keep(&keeper, (77, &kept), elapsed).unwrap();
     // The budget is used up: one more block is computed, then sampling stops.
     let fit = AisSettings { half_width: 0.0, ..AisSettings::within(std::time::Duration::from_hours(1), 6) };
-    let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut |_| ControlFlow::Continue(()));
+    let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut CancelToken::new());
     let bound = bound.unwrap();
     assert_eq!((bound.levels, bound.samples), (77, 20));
     assert!(bound.seconds >= 7200.0, "{bound:?}");
@@ -361,7 +360,7 @@ fn resumed_bound_keeps_its_number_of_temperatures() {
 fn invalid_settings_are_refused() {
     let refused = |fit: &AisSettings, part: &str| {
         let decoder = Decoder::shipped().unwrap();
-        let result = ais_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut |_| ControlFlow::Continue(()));
+        let result = ais_upper_bound(&toy(Noise::Shot), fit, decoder, None, &mut CancelToken::new());
         let message = result.unwrap_err().to_string();
         assert!(message.contains(part), "{message}");
     };
@@ -369,8 +368,7 @@ fn invalid_settings_are_refused() {
     refused(&AisSettings { particles: 0, ..fit(1, 5) }, "particles");
     refused(&fit(1, 0), "temperatures");
     refused(&AisSettings { samples: 1, ..fit(1, 5) }, "two samples");
-    let none = ais_upper_bound(&toy(Noise::None), &fit(1, 5), Decoder::shipped().unwrap(), None, &mut |_| {
-        ControlFlow::Continue(())
-    });
+    let decoder = Decoder::shipped().unwrap();
+    let none = ais_upper_bound(&toy(Noise::None), &fit(1, 5), decoder, None, &mut CancelToken::new());
     assert!(none.is_err());
 }

@@ -1,7 +1,5 @@
 //! Lower bound on the information, bits per pixel, with its settings and origin.
 
-use std::ops::ControlFlow;
-
 use serde::{Deserialize, Serialize};
 
 use super::channel::BeadChannel;
@@ -13,6 +11,7 @@ use super::layers::Decoder;
 use super::problem::Problem;
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
+use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// Lower bound on the mutual information between beads and noisy measurements, by a trained decoder.
@@ -62,13 +61,13 @@ pub struct LowerBound {
 ///
 /// # Errors
 /// For an invalid channel or fit, for numbers that stay infinite, and when cancelled. For a checkpoint that cannot be
-/// read or written or belongs to another fit. `on_progress` is called after every step and may cancel.
+/// read or written or belongs to another fit.
 pub fn decoder_lower_bound(
     channel: &BeadChannel,
     fit: &DecoderFit,
     start: Option<&Decoder>,
     keeper: Option<&dyn FitCheckpoint>,
-    on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
+    progress: &mut dyn Progress<DecoderProgress>,
 ) -> Result<(LowerBound, Decoder), InformationError> {
     fit.check()?;
     let scene = Problem::new(channel)?;
@@ -82,8 +81,8 @@ pub fn decoder_lower_bound(
     };
     let mut passes = Passes::new(&scene, &decoder);
     let mut run = Run::new(fit, &scene, &mut decoder, keeper)?;
-    let steps = run.train(&mut decoder, &mut passes, on_progress)?;
-    let savings = test(&scene, (fit, &run), &passes, &decoder, on_progress)?;
+    let steps = run.train(&mut decoder, &mut passes, progress)?;
+    let savings = test(&scene, (fit, &run), &passes, &decoder, progress)?;
     let (mean, half_width) = savings.mean_and_half_width();
     let mut notes = Vec::new();
     if start.is_some() {
@@ -123,10 +122,10 @@ fn test(
     (fit, run): (&DecoderFit, &Run<'_>),
     passes: &Passes<'_>,
     decoder: &Decoder,
-    on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
+    progress: &mut dyn Progress<DecoderProgress>,
 ) -> Result<InformationGain, InformationError> {
     let mut savings = InformationGain::default();
-    let mut on_scored = |tested| on_progress(&run.progress(Some(tested)));
+    let mut on_scored = |tested: &usize| progress.report(&run.progress(Some(*tested)));
     loop {
         savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), &mut on_scored)?;
         let narrow = savings.mean_and_half_width().1 <= fit.half_width;
@@ -139,8 +138,11 @@ fn test(
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::*;
     use crate::information::fit_checkpoint::InMemory;
+    use crate::progress::CancelToken;
     use ndarray::array;
 
     #[test]
@@ -150,8 +152,7 @@ mod tests {
         let fit = DecoderFit { unrolled: 2, ..DecoderFit::of_steps(0, DecoderKind::Factorised, 2) };
         let mut start = Decoder::new(2, 1).unwrap();
         start.weights.iter_mut().for_each(|weight| *weight *= 5.0);
-        let on_progress = &mut |_: &DecoderProgress| ControlFlow::Continue(());
-        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), None, on_progress).unwrap();
+        let (bound, _) = decoder_lower_bound(&channel, &fit, Some(&start), None, &mut CancelToken::new()).unwrap();
         assert_eq!((bound.bits_per_pixel, bound.bits_per_measurement, bound.interval_95[0]), (0.0, 0.0, 0.0));
         assert!(bound.notes[1].contains("worse than the prior"), "{:?}", bound.notes);
     }
@@ -170,7 +171,7 @@ mod tests {
             unrolled: 2,
             ..DecoderFit::of_steps(500, DecoderKind::Factorised, 2)
         };
-        let result = decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(()));
+        let result = decoder_lower_bound(&channel, &fit, None, None, &mut CancelToken::new());
         assert_eq!(result.unwrap_err(), InformationError::Diverged { refused: 30 });
     }
 
@@ -181,7 +182,7 @@ mod tests {
         let fit = DecoderFit { unrolled: 2, max_test: 64, ..DecoderFit::of_steps(12, DecoderKind::Autoregressive, 2) };
         let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
             let mut told = Vec::new();
-            let result = decoder_lower_bound(&channel, &fit, None, keeper, &mut |progress| {
+            let result = decoder_lower_bound(&channel, &fit, None, keeper, &mut |progress: &DecoderProgress| {
                 told.push(*progress);
                 if progress.step < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });

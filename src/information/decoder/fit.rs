@@ -1,6 +1,5 @@
 //! The fit of a decoder to new samples of a channel.
 
-use std::ops::ControlFlow;
 use std::time::Duration;
 
 use rand::RngExt;
@@ -16,6 +15,7 @@ use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, fit_to_bytes, restore_fit};
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, Rule, learning_rate_factor};
+use crate::progress::Progress;
 
 /// Share of a budget reserved for the test.
 const TEST_SHARE: f64 = 0.06;
@@ -261,8 +261,8 @@ impl DecoderRefit {
         Ok(Self { fit, decoder: start.clone(), course: Course::new(start) })
     }
 
-    /// Advances to a total number of steps on samples of a channel. `watch` is called after every step and returns
-    /// whether to continue.
+    /// Advances to a total number of steps on samples of a channel. The number of steps so far is reported after
+    /// every step.
     ///
     /// # Errors
     /// As [`decoder_lower_bound`](super::decoder_lower_bound).
@@ -270,7 +270,7 @@ impl DecoderRefit {
         &mut self,
         channel: &BeadChannel,
         steps: usize,
-        watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<(), InformationError> {
         let Self { fit, decoder, course } = self;
         let scene = Problem::new(channel)?;
@@ -278,7 +278,7 @@ impl DecoderRefit {
         while course.steps < steps.min(fit.steps) {
             let done = course.share(fit);
             course.step(fit, &scene, (decoder, &mut passes), done)?;
-            if watch(course.steps).is_break() {
+            if progress.report(&course.steps).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
@@ -315,7 +315,7 @@ impl<'a> Run<'a> {
         &mut self,
         decoder: &mut Decoder,
         passes: &mut Passes<'_>,
-        on_progress: &mut dyn FnMut(&DecoderProgress) -> ControlFlow<()>,
+        progress: &mut dyn Progress<DecoderProgress>,
     ) -> Result<usize, InformationError> {
         let mut kept = self.elapsed();
         loop {
@@ -330,7 +330,7 @@ impl<'a> Run<'a> {
                 kept = self.elapsed();
                 self.course.keep(keeper, decoder, kept)?;
             }
-            if on_progress(&self.progress(None)).is_break() {
+            if progress.report(&self.progress(None)).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }

@@ -93,12 +93,11 @@ fn at_least(value: f64, least: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::super::bound::decoder_lower_bound;
     use super::super::fit::DecoderFit;
     use super::super::kind::DecoderKind;
     use super::*;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     const PROBABILITY: f64 = 0.3;
@@ -205,8 +204,7 @@ mod tests {
                 max_test: 1,
                 ..DecoderFit::of_steps(1500, DecoderKind::Factorised, 5)
             };
-            let (_, decoder) =
-                decoder_lower_bound(&channel, &fit, None, None, &mut |_| ControlFlow::Continue(())).unwrap();
+            let (_, decoder) = decoder_lower_bound(&channel, &fit, None, None, &mut CancelToken::new()).unwrap();
             let found = bead_response_gradient(&channel, &decoder, (7, 0, 200_000)).unwrap();
             let exact = exact_slopes([9.0, 4.0], noise);
             println!("{noise}: {found} {exact:?}");

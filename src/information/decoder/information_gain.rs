@@ -11,7 +11,7 @@
 //! from the differences of neighbours in the spread; it is a little too large rather than too small (collapsed
 //! strata; Cochran 1977, 5A.12).
 
-use std::ops::{ControlFlow, Range};
+use std::ops::Range;
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +23,7 @@ use super::layers::Decoder;
 use super::problem::Problem;
 use super::samples::Reveal;
 use crate::information::error::InformationError;
+use crate::progress::Progress;
 
 /// Samples per block, evenly spread over k.
 const BLOCK: usize = 256;
@@ -49,22 +50,22 @@ impl InformationGain {
         (mean, NORMAL_95 * square.sqrt() / count)
     }
 
-    /// Scores one more block of new samples. `on_scored` is called every few samples and may cancel.
+    /// Scores one more block of new samples. The number of scored samples is reported every few of them.
     ///
     /// # Errors
-    /// [`InformationError::Cancelled`] where it does.
+    /// [`InformationError::Cancelled`] where `progress` cancels.
     pub fn add_block(
         &mut self,
         scene: &Problem,
         passes: &Passes<'_>,
         decoder: &Decoder,
         (kind, seed): (DecoderKind, u64),
-        on_scored: &mut dyn FnMut(usize) -> ControlFlow<()>,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<(), InformationError> {
         for _ in (0..BLOCK).step_by(REPORT) {
             let range = self.0.len()..self.0.len() + REPORT;
             self.0.extend(scored(scene, passes, decoder, (kind, seed, BLOCK), range));
-            if on_scored(self.0.len()).is_break() {
+            if progress.report(&self.0.len()).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
@@ -95,7 +96,7 @@ fn scored(
 /// ([`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
 ///
 /// # Errors
-/// For an invalid channel; cancelled where `go_on` returns false, which is called every few samples.
+/// For an invalid channel; where `progress`, which receives the number of samples every few of them, cancels.
 //
 // Beads are drawn at all sites of the whole spot, dark or not, so that masks on one grid are tested on the same ones.
 pub fn decoder_information(
@@ -103,7 +104,7 @@ pub fn decoder_information(
     channel: &BeadChannel,
     (seed, block): (u64, usize),
     range: Range<usize>,
-    go_on: &dyn Fn() -> bool,
+    progress: &mut dyn Progress<usize>,
 ) -> Result<Vec<f64>, InformationError> {
     let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
@@ -111,7 +112,7 @@ pub fn decoder_information(
     for first in range.clone().step_by(REPORT) {
         let part = first..range.end.min(first + REPORT);
         savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed, block), part));
-        if !go_on() {
+        if progress.report(&savings.len()).is_break() {
             return Err(InformationError::Cancelled);
         }
     }

@@ -1,6 +1,5 @@
 //! Pretrained weights for many encoders and scenes.
 
-use std::ops::ControlFlow;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
@@ -14,6 +13,7 @@ use super::layers::Decoder;
 use super::problem::Problem;
 use crate::information::error::InformationError;
 use crate::nn::learning_rate_factor;
+use crate::progress::Progress;
 
 /// The pretrained weights of the program.
 const SHIPPED: &[u8] = include_bytes!("../../../assets/first_decoder.safetensors");
@@ -37,10 +37,19 @@ pub struct DecoderPretrainProgress {
     pub elapsed: Duration,
 }
 
-/// Callback after every step. It receives the progress and a function that makes the decoder as if the fit ended
-/// there, and returns whether to continue.
-pub type OnDecoderPretrainStep<'a> =
-    &'a mut dyn FnMut(&DecoderPretrainProgress, &dyn Fn() -> Decoder) -> ControlFlow<()>;
+/// A step of a fit to many channels, reported after it.
+pub struct DecoderPretrainStep<'a> {
+    /// Progress of the fit.
+    pub progress: DecoderPretrainProgress,
+    decoder: &'a dyn Fn() -> Decoder,
+}
+
+impl DecoderPretrainStep<'_> {
+    /// The decoder as if the fit ended here.
+    pub fn decoder(&self) -> Decoder {
+        (self.decoder)()
+    }
+}
 
 impl Decoder {
     /// The pretrained decoder, fitted to beads through many encoders; `None` where the program was built without
@@ -64,12 +73,12 @@ impl Decoder {
     /// decoder. `channel` makes a channel from its number; `rate` is the largest learning rate.
     ///
     /// # Errors
-    /// Where a channel is invalid or numbers stay infinite; when `on_progress` cancels.
+    /// Where a channel is invalid or numbers stay infinite; when `on_step` cancels.
     pub fn fit_generally(
         &mut self,
         channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
         (length, seed, rate): (Duration, u64, f64),
-        on_progress: OnDecoderPretrainStep<'_>,
+        on_step: &mut dyn for<'a> Progress<DecoderPretrainStep<'a>>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -101,7 +110,7 @@ impl Decoder {
                 let bits = saved * scene.decoded.len() as f64 / scene.pixels() as f64;
                 progress.saved_bits += (bits - progress.saved_bits) / (progress.steps.min(2000) as f64);
                 let snapshot = || Self { weights: mover.result(self), ..self.clone() };
-                if on_progress(&progress, &snapshot).is_break() {
+                if on_step.report(&DecoderPretrainStep { progress, decoder: &snapshot }).is_break() {
                     return Err(InformationError::Cancelled);
                 }
             }

@@ -1,16 +1,15 @@
 //! Lower bound by the pretrained decoder, without a fit.
 
-use std::ops::ControlFlow;
-
 use serde::{Deserialize, Serialize};
 
 use super::bound::decoder_lower_bound;
 use super::channel::BeadChannel;
-use super::fit::DecoderFit;
+use super::fit::{DecoderFit, DecoderProgress};
 use super::information_gain::InformationGain;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
 use crate::information::error::InformationError;
+use crate::progress::Progress;
 
 /// A lower bound by a decoder without any fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,12 +27,12 @@ impl PretrainedLowerBound {
     /// interval (bits per pixel) is small enough. `None` where the program has no decoder.
     ///
     /// # Errors
-    /// As [`decoder_lower_bound`]; cancelled where `go_on` returns false.
+    /// As [`decoder_lower_bound`].
     pub fn new(
         channel: &BeadChannel,
         (samples, half_width): (usize, f64),
         seed: u64,
-        go_on: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<DecoderProgress>,
     ) -> Result<Option<Self>, InformationError> {
         let Some(decoder) = Decoder::shipped() else { return Ok(None) };
         let fit = DecoderFit {
@@ -42,8 +41,7 @@ impl PretrainedLowerBound {
             unrolled: decoder.unrolled(),
             ..DecoderFit::of_steps(0, DecoderKind::Autoregressive, seed)
         };
-        let watch = &mut |_: &_| if go_on() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), None, watch)?;
+        let (bound, _) = decoder_lower_bound(channel, &fit, Some(decoder), None, progress)?;
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
         Ok(Some(Self { bits_per_pixel, interval_95, samples: bound.test_patches }))
     }

@@ -6,7 +6,7 @@ use ndarray::Axis;
 
 use super::trial::{Trial, TrialSettings};
 use crate::information::density::causal::conditioning::Moments;
-use crate::information::density::causal::fit::{CausalFit, FitAids, FitLength, Fitted};
+use crate::information::density::causal::fit::{CausalFit, FitContext, FitLength, FitStep, Fitted};
 use crate::information::density::causal::init::Init;
 use crate::information::density::causal::model::{CausalModel, check_causal_patch};
 use crate::information::density::causal::pretrained::PretrainedWeights;
@@ -17,8 +17,9 @@ use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
 use crate::information::estimator::Estimator;
 use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::progress::FitProgress;
 use crate::plural::counted;
+use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// Patches from which levels and units are taken.
@@ -77,18 +78,17 @@ pub fn causal_model(request: &CausalRequest<'_>) -> Result<CausalModel, Informat
 /// experiment) the noisy ones replace the means in `H(Y|X)`.
 ///
 /// # Errors
-/// As [`causal_model`]; when `on_progress` cancels.
+/// As [`causal_model`]; when `progress` cancels.
 pub fn causal_estimate(
     request: &CausalRequest<'_>,
-    on_progress: OnProgress<'_>,
+    progress: &mut dyn Progress<FitProgress>,
 ) -> Result<(Trial, CausalModel), InformationError> {
     let started = Instant::now();
     let mut model = causal_model(request)?;
     let fit = CausalFit::new(request.length, request.seed);
-    let aids = FitAids { keeper: request.keeper, validation: request.validation };
-    let Fitted { steps, best, before } = fit.fit_aided(&mut model, request.stream, aids, &mut |progress, _| {
-        on_progress(progress).map_continue(|()| None)
-    })?;
+    let context = FitContext { stream: request.stream, validation: request.validation, keeper: request.keeper };
+    let on_step = &mut |step: &FitStep<'_>| progress.report(&step.progress);
+    let Fitted { steps, best, before } = fit.fit(&mut model, &context, on_step)?;
     let from = match request.init {
         Init::Pretrained if PretrainedWeights::shipped().is_some() => ", from the pretrained weights",
         Init::Warm(_) => ", warm-started from the model of a similar design",
@@ -107,7 +107,7 @@ pub fn causal_estimate(
     if request.test.clean.is_none() {
         notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
     }
-    let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), on_progress)?;
+    let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), progress)?;
     let settings = TrialSettings {
         estimator: request.estimator,
         protocol: Protocol::Default,
@@ -128,12 +128,12 @@ fn score_in_parts(
     model: &CausalModel,
     request: &CausalRequest<'_>,
     (started, step): (Instant, usize),
-    on_progress: OnProgress<'_>,
+    progress: &mut dyn Progress<FitProgress>,
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = request.test.noisy.len_of(Axis(0));
     let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
-    score_with_progress(model, &entropy, request.test, &mut |scored| {
-        on_progress(&FitProgress {
+    score_with_progress(model, &entropy, request.test, &mut |scored: &usize| {
+        progress.report(&FitProgress {
             epoch: 1,
             epochs: 1,
             step,
@@ -141,7 +141,7 @@ fn score_in_parts(
             best_bits: None,
             elapsed: started.elapsed(),
             remaining: None,
-            scored: Some((scored, total)),
+            scored: Some((*scored, total)),
         })
     })
 }

@@ -1,6 +1,5 @@
 //! Information from noisy patches by a fitted `PixelCNN`.
 
-use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use ndarray::{ArrayView3, Axis};
@@ -16,9 +15,10 @@ use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
 use crate::information::estimator::Estimator;
 use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::progress::FitProgress;
 use crate::information::statistics::dequantisation::{TEST_STREAM, dequantised, whole};
 use crate::plural::{counted, one_or_many};
+use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// Patches and settings of one `PixelCNN` trial.
@@ -60,10 +60,10 @@ pub struct PixelCnnRequest<'a> {
 ///
 /// # Errors
 /// For patches of different shapes, fewer than a batch and its validation, constant, too bright or invalid ones; for
-/// noise without a finite entropy; for an engine that this program or machine lacks; when `on_progress` cancels.
+/// noise without a finite entropy; for an engine that this program or machine lacks; when `progress` cancels.
 pub fn pixelcnn_estimate(
     request: &PixelCnnRequest<'_>,
-    on_progress: OnProgress<'_>,
+    progress: &mut dyn Progress<FitProgress>,
 ) -> Result<(Trial, PixelCnn), InformationError> {
     let started = Instant::now();
     let PixelCnnRequest { train, train_clean, test, noise, protocol, budget, start, keeper, engine, seed, .. } =
@@ -78,11 +78,11 @@ pub fn pixelcnn_estimate(
     };
     let fit = PixelCnnFit { dequantise, budget, engine, ..fit };
     let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
-    let (model, report) = fit.fit_kept(PixelCnnShape::default(), min_width, patches, (start, keeper), on_progress)?;
+    let (model, report) = fit.fit_kept(PixelCnnShape::default(), min_width, patches, (start, keeper), progress)?;
     notes.extend(explained(&report, &fit, fresh.is_some()));
 
     let fitted = (train.len_of(Axis(0)), &report, started);
-    let trial = request.score(&model, fitted, (&entropy_y_given_x, notes), on_progress)?;
+    let trial = request.score(&model, fitted, (&entropy_y_given_x, notes), progress)?;
     Ok((trial, model))
 }
 
@@ -94,14 +94,14 @@ pub fn pixelcnn_estimate(
 pub fn pixelcnn_score(
     request: &PixelCnnRequest<'_>,
     model: &PixelCnn,
-    on_progress: OnProgress<'_>,
+    progress: &mut dyn Progress<FitProgress>,
 ) -> Result<Trial, InformationError> {
     let started = Instant::now();
     check_test(request.test, request.test)?;
     let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
     notes.push("the network was scored without a fit".to_owned());
     let report = FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false };
-    request.score(model, (0, &report, started), (&entropy_y_given_x, notes), on_progress)
+    request.score(model, (0, &report, started), (&entropy_y_given_x, notes), progress)
 }
 
 impl PixelCnnRequest<'_> {
@@ -133,12 +133,12 @@ impl PixelCnnRequest<'_> {
         model: &PixelCnn,
         (patches_train, report, started): (usize, &FitReport, Instant),
         (entropy_y_given_x, notes): (&[f64], Vec<String>),
-        on_progress: OnProgress<'_>,
+        progress: &mut dyn Progress<FitProgress>,
     ) -> Result<Trial, InformationError> {
         let &Self { test, noise, protocol, engine, seed, .. } = self;
         let (_, rows, cols) = test.dim();
         let test = if self.dequantises() { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
-        let cross_entropy = scored(model, engine, test.view(), report, started, on_progress)?;
+        let cross_entropy = scored(model, engine, test.view(), report, started, progress)?;
         let estimator = Estimator::PixelCnn;
         let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
         // A resumed fit includes the time of earlier sessions.
@@ -174,7 +174,7 @@ fn scored(
     test: ArrayView3<'_, f32>,
     report: &FitReport,
     started: Instant,
-    on_progress: OnProgress<'_>,
+    progress: &mut dyn Progress<FitProgress>,
 ) -> Result<Vec<f64>, InformationError> {
     let total = test.len_of(Axis(0));
     let mut engine = engine.open()?;
@@ -182,7 +182,7 @@ fn scored(
     let mut bits = Vec::with_capacity(total);
     for group in test.axis_chunks_iter(Axis(0), SCORED_AT_ONCE) {
         bits.extend(engine.cross_entropy_bits(model, group)?);
-        let progress = FitProgress {
+        let step = FitProgress {
             epoch: report.epochs.len(),
             epochs: report.epochs.len(),
             step: report.steps,
@@ -192,7 +192,7 @@ fn scored(
             remaining: None,
             scored: Some((bits.len(), total)),
         };
-        if on_progress(&progress) == ControlFlow::Break(()) {
+        if progress.report(&step).is_break() {
             return Err(InformationError::Cancelled);
         }
     }

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use crate::evaluation::EvaluationError;
 use crate::evaluation::estimation::estimate;
-use crate::evaluation::progress::{EstimateProgress, Watch};
+use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::request::EstimateRequest;
 use crate::information::Estimate;
-use crate::progress::CancelToken;
+use crate::progress::{CancelToken, Progress};
 use crate::workbench::background::activity::Entry;
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
@@ -60,8 +60,7 @@ impl EstimateComputation {
     ) -> Result<(), EvaluationError> {
         let mut publish =
             |estimate: LiveEstimate| mailbox.publish(|queue| queue.publish_live(wanted.revision, estimate));
-        let stop = || cancel.is_cancelled();
-        self.live.refine((&wanted.design, wanted.before.as_ref()), scene, &mut publish, &stop)
+        self.live.refine((&wanted.design, wanted.before.as_ref()), scene, &mut publish, cancel)
     }
 }
 
@@ -136,15 +135,15 @@ fn reporter<'a>(
 fn compute(
     EstimateOrder { design, measured, .. }: &EstimateOrder,
     request: &EstimateRequest,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Estimate, Failure> {
     match measured {
-        Some(measured) => measured.estimate(request, design.noise, design.seed, watch).map_err(|error| Failure {
+        Some(measured) => measured.estimate(request, design.noise, design.seed, progress).map_err(|error| Failure {
             message: error.to_string(),
             is_cancelled: error.is_cancelled(),
             may_pass: error.may_pass(),
         }),
-        None => estimate(design, request, watch).map_err(|error| Failure {
+        None => estimate(design, request, progress).map_err(|error| Failure {
             message: error.to_string(),
             is_cancelled: error.is_cancelled(),
             may_pass: error.may_pass(),

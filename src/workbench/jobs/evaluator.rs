@@ -8,7 +8,7 @@ use std::sync::Arc;
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::forward::Design;
 use crate::information::{NoiseEntropy, Protocol};
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 use crate::progress::CancelToken;
 use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
@@ -19,7 +19,7 @@ use crate::workbench::jobs::queue::{JobQueue, WorkerAnswer, WorkerTask};
 use crate::workbench::live::published::{Live, Revisioned, Wanted};
 
 /// Reports the progress of reading objects.
-fn report(entry: &Entry, progress: &Progress) {
+fn report(entry: &Entry, progress: &ReadProgress) {
     entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
 }
 
@@ -58,7 +58,7 @@ impl Computation<JobQueue> for Evaluator {
                 WorkerAnswer::Evaluated(self.steps(wanted, context).map(|()| start.elapsed().as_secs_f64()))
             }
             WorkerTask::Job(job, entry) => self.run_job(job, entry, context),
-            WorkerTask::Inspect(request) => WorkerAnswer::Inspected(request.look(&|| !cancel.is_cancelled())),
+            WorkerTask::Inspect(request) => WorkerAnswer::Inspected(request.look(cancel)),
         }
     }
 }
@@ -75,7 +75,7 @@ impl Evaluator {
         let optics = self.optics(design, planes, revision, context)?;
         let activities = self.activities.clone();
         let entry = std::cell::OnceCell::new();
-        let on_read = |progress: &Progress| {
+        let on_read = |progress: &ReadProgress| {
             let entry = entry.get_or_init(|| {
                 let entry = activities.add(ActivityKind::Objects, format!("Read {}", design.objects));
                 entry.begin();
@@ -152,7 +152,7 @@ impl Evaluator {
         design: &Design,
         revision: u64,
         Context { cancel, mailbox }: Context<'_>,
-        on_read: &dyn Fn(&Progress),
+        on_read: &dyn Fn(&ReadProgress),
     ) -> Result<Arc<Scene>, EvaluationError> {
         if let Some(opened) = self.opened.take_if(|scene| scene.serves(design)) {
             self.scene = Some(opened);
@@ -161,8 +161,8 @@ impl Evaluator {
             return Ok(Arc::clone(scene));
         }
         let newest = Cell::new(revision);
-        let watch = |progress: Progress| {
-            on_read(&progress);
+        let mut watch = |progress: &ReadProgress| {
+            on_read(progress);
             mailbox.change(|queue| queue.live_mut().busy = Some(progress.to_string()));
             // The mask may be edited while objects are read: its PSF appears at once.
             let waiting = mailbox.look(|queue| queue.waiting_evaluation().cloned());
@@ -176,7 +176,7 @@ impl Evaluator {
             mailbox.wake();
             cancel.check()
         };
-        let scene = Scene::open(design, &watch);
+        let scene = Scene::open(design, &mut watch);
         mailbox.change(|queue| queue.live_mut().busy = None);
         let scene = Arc::new(scene?);
         self.scene = Some(Arc::clone(&scene));
@@ -243,8 +243,8 @@ fn other_scene(
     Context { cancel, mailbox }: Context<'_>,
 ) -> Option<Result<Arc<Scene>, String>> {
     let has_given_way = Cell::new(false);
-    let watch = |progress: Progress| {
-        report(entry, &progress);
+    let mut watch = |progress: &ReadProgress| {
+        report(entry, progress);
         let is_waiting = mailbox.publish(|queue| {
             queue.live_mut().busy = Some(progress.to_string());
             queue.waiting_evaluation().is_some()
@@ -253,7 +253,7 @@ fn other_scene(
         has_given_way.set(!cancel.is_cancelled() && progress.done < progress.total && is_waiting);
         if has_given_way.get() { ControlFlow::Break(()) } else { cancel.check() }
     };
-    let scene = Scene::open(design, &watch);
+    let scene = Scene::open(design, &mut watch);
     match scene {
         Err(_) if has_given_way.get() => None,
         scene => Some(scene.map(Arc::new).map_err(|error| error.to_string())),

@@ -1,6 +1,5 @@
 //! Jobs that touch files: the same for window and command line.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -12,6 +11,7 @@ use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
+use crate::progress::CancelToken;
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
@@ -271,13 +271,13 @@ impl Job {
                 Ok(Outcome::Saved { document: *document, contents: *contents, path: path.clone() })
             }
             Self::OpenObjects { design, document } => {
-                let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string())?;
+                let scene = Scene::open(design, &mut CancelToken::new()).map_err(|error| error.to_string())?;
                 let notices = scene.set.notices().to_vec();
                 let understood = scene.set.understood().map(Into::into);
                 Ok(Outcome::ObjectsOpened { source: design.objects.clone(), document: *document, understood, notices })
             }
             Self::MeasureSnapshot { number, name, design } => {
-                let scene = Scene::open(design, &|_| ControlFlow::Continue(())).map_err(|error| error.to_string());
+                let scene = Scene::open(design, &mut CancelToken::new()).map_err(|error| error.to_string());
                 Ok(measured_snapshot((*number, name), design, scene.as_ref().map_err(Clone::clone)))
             }
             Self::ImportPsf { path, side, document } => {

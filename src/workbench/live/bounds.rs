@@ -1,6 +1,5 @@
 //! Bounds beside the live estimate that use the known prior of the objects.
 
-use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -8,9 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{
-    AisBound, AisSettings, BeadChannel, BoundMethod, Bracket, Decoder, FitCheckpoint, InformationError, NamedBound,
-    OnAis, PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, paired_gain,
+    AisBound, AisProgress, AisSettings, BeadChannel, BoundMethod, Bracket, Decoder, FitCheckpoint, InformationError,
+    NamedBound, PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information,
+    paired_gain,
 };
+use crate::progress::{CancelToken, Progress};
 use crate::seeds::SeedStream;
 use crate::workbench::live::estimate::LiveEstimate;
 
@@ -82,25 +83,25 @@ impl<'a> BeadBoundState<'a> {
 
     /// Adopts the bounds of an estimate of the same design. Where that estimate was compared with another design before the last edit,
     /// the comparison is computed again on `samples` samples.
-    pub fn take_over(&mut self, estimate: &LiveEstimate, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
+    pub fn take_over(&mut self, estimate: &LiveEstimate, samples: usize, cancel: &CancelToken) {
         self.lower = estimate.lower.clone().zip(estimate.recipe.lower);
         self.upper = estimate.upper.clone().zip(estimate.recipe.upper);
         if estimate.before.as_ref() == self.before.as_ref().map(|(before, _)| before) {
             self.edit = estimate.edit.zip(estimate.recipe.edit);
         } else {
-            self.compare(samples, stop);
+            self.compare(samples, cancel);
         }
     }
 
     /// Compares the decoder's information on `samples` samples of the same beads through the mask and through the mask before the last
     /// edit. Returns whether there is something to compare.
-    pub fn compare(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) -> bool {
+    pub fn compare(&mut self, samples: usize, cancel: &CancelToken) -> bool {
         let (Some(channel), Some((_, before)), Some(decoder)) = (self.channel, &self.before, Decoder::shipped()) else {
             return false;
         };
         let seed = SeedStream::EditComparison.derive(self.seed);
         let savings = |channel: &BeadChannel| {
-            decoder_information(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &|| !stop()).ok()
+            decoder_information(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &mut cancel.clone()).ok()
         };
         let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
         // Where the decoder gains no information for either mask, the prior alone does as well.
@@ -114,10 +115,12 @@ impl<'a> BeadBoundState<'a> {
     }
 
     /// Updates the decoder's lower bound with fresh samples.
-    pub fn decode(&mut self, samples: usize, stop: &(dyn Fn() -> bool + Sync)) {
+    pub fn decode(&mut self, samples: usize, cancel: &CancelToken) {
         let Some(channel) = self.channel else { return };
         let seed = SeedStream::LiveDecoder.derive(self.seed);
-        let Ok(Some(bound)) = PretrainedLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &|| !stop()) else {
+        let Ok(Some(bound)) =
+            PretrainedLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &mut cancel.clone())
+        else {
             return;
         };
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
@@ -128,31 +131,27 @@ impl<'a> BeadBoundState<'a> {
     }
 
     /// Computes the lower and the upper bound by annealed importance sampling, `time` for each.
-    pub fn follow(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.below(&AisSettings::within(time, SeedStream::AisLower.derive(self.seed)), stop);
-        self.follow_from_above(time, stop);
+    pub fn follow(&mut self, time: Duration, cancel: &CancelToken) {
+        self.below(&AisSettings::within(time, SeedStream::AisLower.derive(self.seed)), cancel);
+        self.follow_from_above(time, cancel);
     }
 
     /// Computes the upper bound alone by annealed importance sampling, in `time`.
-    pub fn follow_from_above(&mut self, time: Duration, stop: &(dyn Fn() -> bool + Sync)) {
-        self.above(&AisSettings::within(time, SeedStream::AisUpper.derive(self.seed)), stop);
+    pub fn follow_from_above(&mut self, time: Duration, cancel: &CancelToken) {
+        self.above(&AisSettings::within(time, SeedStream::AisUpper.derive(self.seed)), cancel);
     }
 
     /// Recomputes the bounds from exactly these samples. Bounds that cannot be computed are left out.
-    pub fn repeat(
-        &mut self,
-        (lower, upper): (Option<BoundSource>, Option<BoundSource>),
-        stop: &(dyn Fn() -> bool + Sync),
-    ) {
+    pub fn repeat(&mut self, (lower, upper): (Option<BoundSource>, Option<BoundSource>), cancel: &CancelToken) {
         match lower {
-            Some(BoundSource::Decoder { samples }) => self.decode(samples, stop),
+            Some(BoundSource::Decoder { samples }) => self.decode(samples, cancel),
             Some(BoundSource::Ais { levels, samples }) => {
-                self.below(&self.replay_fit(levels, samples, SeedStream::AisLower), stop);
+                self.below(&self.replay_fit(levels, samples, SeedStream::AisLower), cancel);
             }
             None => {}
         }
         if let Some(BoundSource::Ais { levels, samples }) = upper {
-            self.above(&self.replay_fit(levels, samples, SeedStream::AisUpper), stop);
+            self.above(&self.replay_fit(levels, samples, SeedStream::AisUpper), cancel);
         }
     }
 
@@ -170,27 +169,21 @@ impl<'a> BeadBoundState<'a> {
         AisSettings { samples, half_width: 0.0, ..AisSettings::of_levels(levels, seed) }
     }
 
-    pub fn below(&mut self, fit: &AisSettings, stop: &(dyn Fn() -> bool + Sync)) {
-        if let Some(below) = self.followed(ais_lower_bound, fit, stop) {
+    pub fn below(&mut self, fit: &AisSettings, cancel: &CancelToken) {
+        if let Some(below) = self.followed(ais_lower_bound, fit, cancel) {
             self.update_lower(NamedBound::from(&below), drawn(&below));
         }
     }
 
-    pub fn above(&mut self, fit: &AisSettings, stop: &(dyn Fn() -> bool + Sync)) {
-        if let Some(above) = self.followed(ais_upper_bound, fit, stop) {
+    pub fn above(&mut self, fit: &AisSettings, cancel: &CancelToken) {
+        if let Some(above) = self.followed(ais_upper_bound, fit, cancel) {
             self.upper = Some((NamedBound::from(&above), drawn(&above)));
         }
     }
 
-    fn followed(
-        &self,
-        bound: BoundOfPosterior,
-        fit: &AisSettings,
-        stop: &(dyn Fn() -> bool + Sync),
-    ) -> Option<AisBound> {
+    fn followed(&self, bound: BoundOfPosterior, fit: &AisSettings, cancel: &CancelToken) -> Option<AisBound> {
         let (channel, decoder) = (self.channel?, Decoder::shipped()?);
-        let mut watch = |_: &_| if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
-        bound(channel, fit, decoder, None, &mut watch).ok()
+        bound(channel, fit, decoder, None, &mut cancel.clone()).ok()
     }
 
     fn update_lower(&mut self, bound: NamedBound, draws: BoundSource) {
@@ -206,7 +199,7 @@ type BoundOfPosterior = fn(
     &AisSettings,
     &Decoder,
     Option<&dyn FitCheckpoint>,
-    OnAis<'_>,
+    &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError>;
 
 fn drawn(bound: &AisBound) -> BoundSource {

@@ -1,6 +1,7 @@
 //! The live estimate: a causal density model that starts from the model of the design before the edit. It is scored during its fit, until
 //! it converges.
 
+use crate::progress::{CancelToken, Progress};
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe, Revision, planned};
 use crate::workbench::live::schedule::SCHEDULE;
 use std::ops::ControlFlow;
@@ -9,7 +10,9 @@ use std::time::{Duration, Instant};
 
 use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::forward::{Design, ForwardModel};
-use crate::information::{CausalFit, CausalModel, CausalStart, FitLength, InformationError, PatchBatch, PatchStream};
+use crate::information::{
+    CausalFit, CausalModel, CausalStart, FitContext, FitLength, FitStep, InformationError, PatchBatch, PatchStream,
+};
 use crate::workbench::live::bounds::{BeadBoundState, SensorBounds};
 use crate::workbench::live::position_gradients::Pulls;
 use crate::workbench::live::problem::LiveProblem;
@@ -43,7 +46,7 @@ impl LiveEstimator {
     }
 
     /// Refines the live estimate of a design until it converges, and compares it with the estimate before the last edit. `publish`
-    /// receives every number; `stop` is asked at every step.
+    /// receives every number; `cancel` is checked at every step.
     ///
     /// Every design is scored on the same held-out objects at the same places. Differences between edits then do not drown in the
     /// differences between scenes.
@@ -56,7 +59,7 @@ impl LiveEstimator {
         (design, before): (&Design, Option<&Arc<Design>>),
         scene: &Arc<Scene>,
         publish: &mut dyn FnMut(LiveEstimate),
-        stop: &(dyn Fn() -> bool + Sync),
+        cancel: &CancelToken,
     ) -> Result<(), EvaluationError> {
         let asked = Instant::now();
         let bounding = design.bounding();
@@ -66,11 +69,11 @@ impl LiveEstimator {
         let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &PendingBounds| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(mut awaiting) = self.awaits_bounds.take().filter(is_this) {
-            beads.take_over(&awaiting.estimate, SCHEDULE.edit_samples_converged, stop);
+            beads.take_over(&awaiting.estimate, SCHEDULE.edit_samples_converged, cancel);
             awaiting.estimate = with_bounds(&beads, awaiting.estimate);
             // An edit may interrupt again.
             publish(awaiting.estimate.clone());
-            return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop);
+            return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, cancel);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         // The start is kept in case this fit does not begin.
@@ -81,12 +84,12 @@ impl LiveEstimator {
         let mut model = subject.model(&train, &test, start.as_deref())?;
         let time = if start.is_some() { SCHEDULE.warm_fit } else { SCHEDULE.cold_fit };
         let known = self.pace.filter(|(_, of)| *of == model.patch());
-        let pace = known.map_or_else(|| trial_pace(&model, &train, stop), |(pace, _)| Ok(pace))?;
+        let pace = known.map_or_else(|| trial_pace(&model, &train, cancel), |(pace, _)| Ok(pace))?;
         let mut recipe = ReplayRecipe::of(planned(time, pace));
         let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
-        let score = |of: (&CausalModel, &PatchBatch), recipe, remaining: Option<Duration>, stop: &dyn Fn() -> bool| {
-            let estimate = subject.score(of, recipe, start.clone(), stop)?;
+        let score = |of: (&CausalModel, &PatchBatch), recipe, remaining: Option<Duration>, cancel: &CancelToken| {
+            let estimate = subject.score(of, recipe, start.clone(), cancel)?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut scores = SCHEDULE.first_scores.into_iter().map(|(after, patches)| (started + after, patches));
@@ -94,45 +97,45 @@ impl LiveEstimator {
         let mut next_followed = SCHEDULE.first_ais;
         // Time spent outside the steps.
         let (mut aside, mut failure) = (Duration::ZERO, None);
-        let fitted = fit.fit_watched(&mut model, (&train, validation.as_ref()), &mut |progress, snapshot| {
-            if stop() {
-                return ControlFlow::Break(());
-            }
+        let context = FitContext { validation: validation.as_ref(), ..FitContext::new(&train) };
+        let fitted = fit.fit(&mut model, &context, &mut |step: &FitStep<'_>| {
+            cancel.check()?;
+            let progress = &step.progress;
             let pace = progress.elapsed.saturating_sub(aside).as_secs_f64() / progress.step as f64;
             let (due, patches) = next;
             let before = Instant::now();
             recipe.steps = progress.step;
-            let mut revision = None;
             // The last step gets the last score, which uses more patches.
             if before >= due && progress.step < recipe.all() {
                 if known.is_none() && recipe.revised.is_none() && patches == SCHEDULE.score_patches {
-                    recipe.revised = Some(Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed)));
-                    revision = recipe.revised.map(|revision| revision.planned);
+                    let revision = Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed));
+                    recipe.revised = Some(revision);
+                    step.plan(revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
-                let estimate = score((&snapshot(), &test.first(patches)), recipe, Some(remaining), stop);
+                let estimate = score((&step.model(), &test.first(patches)), recipe, Some(remaining), cancel);
                 let scoring = before.elapsed().mul_f64(SCHEDULE.score_patches as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
                         estimate.pulls = pulls.told();
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= SCHEDULE.first_decoder_bound {
-                            self.take_first_bounds(&mut beads, &estimate, publish, stop);
+                            self.take_first_bounds(&mut beads, &estimate, publish, cancel);
                         }
                         // Steps before the early score are more valuable.
                         if patches == SCHEDULE.score_patches
                             && beads.edit.is_none()
-                            && beads.compare(SCHEDULE.edit_samples, stop)
+                            && beads.compare(SCHEDULE.edit_samples, cancel)
                         {
                             publish(with_bounds(&beads, estimate.clone()));
                         }
                         if progress.elapsed >= SCHEDULE.first_gradients {
-                            estimate = with_pulls(&mut pulls, (&subject, &beads), estimate, SCHEDULE.gradients, stop);
+                            estimate = with_pulls(&mut pulls, (&subject, &beads), estimate, SCHEDULE.gradients, cancel);
                             publish(estimate.clone());
                         }
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
-                            beads.follow(SCHEDULE.ais, stop);
+                            beads.follow(SCHEDULE.ais, cancel);
                             self.lowered = subject.lowered(&beads, estimate.bits_per_pixel).unwrap_or(self.lowered);
                             publish(with_bounds(&beads, estimate));
                         }
@@ -153,7 +156,7 @@ impl LiveEstimator {
             if progress.step >= SCHEDULE.paced_steps {
                 self.pace = Some((pace, subject.patch));
             }
-            ControlFlow::Continue(revision)
+            ControlFlow::Continue(())
         });
         if let Some(failure) = failure {
             return Err(failure.into());
@@ -161,14 +164,15 @@ impl LiveEstimator {
         // Weights of a diverged fit would spoil the next fit, too.
         let went_well = matches!(fitted, Ok(_) | Err(InformationError::Cancelled));
         self.last = went_well.then(|| (Arc::clone(scene), Arc::new(CausalStart::from(&model))));
-        recipe.steps = fitted?;
+        recipe.steps = fitted?.steps;
         // A fit that is complete is no longer lost.
-        let mut estimate = score((&model, &subject.test(SCHEDULE.score_patches_converged)?), recipe, None, &|| false)?;
+        let mut estimate =
+            score((&model, &subject.test(SCHEDULE.score_patches_converged)?), recipe, None, &CancelToken::new())?;
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.told();
         publish(with_bounds(&beads, estimate.clone()));
         let awaiting = PendingBounds { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
-        self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, stop)
+        self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, cancel)
     }
 
     /// Computes the first lower bound, and the upper bound where its expected gain is large enough.
@@ -177,12 +181,12 @@ impl LiveEstimator {
         beads: &mut BeadBoundState<'_>,
         estimate: &LiveEstimate,
         publish: &mut dyn FnMut(LiveEstimate),
-        stop: &(dyn Fn() -> bool + Sync),
+        cancel: &CancelToken,
     ) {
-        beads.decode(SCHEDULE.decoder_samples, stop);
+        beads.decode(SCHEDULE.decoder_samples, cancel);
         publish(with_bounds(beads, estimate.clone()));
         if self.lowered > SCHEDULE.least_gain {
-            beads.follow_from_above(SCHEDULE.ais_after_edit, stop);
+            beads.follow_from_above(SCHEDULE.ais_after_edit, cancel);
             publish(with_bounds(beads, estimate.clone()));
         }
     }
@@ -195,38 +199,38 @@ impl LiveEstimator {
         (subject, pulls): (&LiveProblem<'_>, &mut Pulls<'_>),
         beads: &mut BeadBoundState<'_>,
         publish: &mut dyn FnMut(LiveEstimate),
-        stop: &(dyn Fn() -> bool + Sync),
+        cancel: &CancelToken,
     ) -> Result<(), EvaluationError> {
         if !awaiting.only_sensor {
             awaiting.estimate =
-                with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_converged, stop);
+                with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_converged, cancel);
             publish(awaiting.estimate.clone());
         }
         if !awaiting.only_sensor && beads.channel.is_some() {
-            beads.decode(SCHEDULE.decoder_samples_converged, stop);
-            beads.compare(SCHEDULE.edit_samples_converged, stop);
-            beads.follow(SCHEDULE.ais_converged, stop);
+            beads.decode(SCHEDULE.decoder_samples_converged, cancel);
+            beads.compare(SCHEDULE.edit_samples_converged, cancel);
+            beads.follow(SCHEDULE.ais_converged, cancel);
             awaiting.estimate = with_bounds(beads, awaiting.estimate);
-            if !stop() {
+            if !cancel.is_cancelled() {
                 awaiting.only_sensor = true;
                 publish(awaiting.estimate.clone());
             }
         }
-        if !stop()
+        if !cancel.is_cancelled()
             && let Ok(Some((channel, ceiling))) = subject.whole()
         {
             let mut whole = BeadBoundState::new(Some(&channel), awaiting.design.seed);
-            whole.decode(SCHEDULE.decoder_samples_sensor, stop);
-            whole.follow(SCHEDULE.ais_sensor, stop);
-            if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !stop()) {
+            whole.decode(SCHEDULE.decoder_samples_sensor, cancel);
+            whole.follow(SCHEDULE.ais_sensor, cancel);
+            if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !cancel.is_cancelled()) {
                 awaiting.estimate = with_sensor(Some(sensor), awaiting.estimate);
                 publish(awaiting.estimate.clone());
             }
         }
         if beads.channel.is_some() {
-            awaiting.estimate = with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_last, stop);
+            awaiting.estimate = with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_last, cancel);
         }
-        if stop() {
+        if cancel.is_cancelled() {
             self.awaits_bounds = Some(awaiting);
             return Err(InformationError::Cancelled.into());
         }
@@ -236,27 +240,28 @@ impl LiveEstimator {
 }
 
 /// Seconds per step, measured with a few steps whose result is discarded.
-fn trial_pace(model: &CausalModel, train: &dyn PatchStream, stop: &dyn Fn() -> bool) -> Result<f64, InformationError> {
+fn trial_pace(model: &CausalModel, train: &dyn PatchStream, cancel: &CancelToken) -> Result<f64, InformationError> {
     let mut trial = model.clone();
     // Patches are drawn before the first step, for several steps at once.
     let mut first = None;
-    CausalFit::new(FitLength::Steps(SCHEDULE.paced_steps), 0).fit(&mut trial, train, &mut |_| {
+    let on_step = &mut |_: &FitStep<'_>| {
         first.get_or_insert_with(Instant::now);
-        if stop() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    })?;
+        cancel.check()
+    };
+    CausalFit::new(FitLength::Steps(SCHEDULE.paced_steps), 0).fit(&mut trial, &FitContext::new(train), on_step)?;
     Ok(first.map_or(0.0, |first| first.elapsed().as_secs_f64() / (SCHEDULE.paced_steps - 1) as f64))
 }
 
 /// Recomputes a live estimate from its recipe and its start.
 ///
 /// # Errors
-/// [`EvaluationError`] where design, objects or noise allow no estimate, or when cancelled: `go_on` is called at every step with the
-/// number of steps done.
+/// [`EvaluationError`] where design, objects or noise allow no estimate, or where `progress` cancels. It receives the number of
+/// steps after each, and once more before the score and before the bounds.
 pub(crate) fn repeated(
     (design, before): (&Design, Option<&Arc<Design>>),
     scene: &Scene,
     (recipe, start): (&ReplayRecipe, Option<&CausalStart>),
-    go_on: &(dyn Fn(usize) -> bool + Sync),
+    progress: &mut dyn Progress<usize>,
 ) -> Result<LiveEstimate, EvaluationError> {
     let bounding = design.bounding();
     let forward = ForwardModel::of_objects(&bounding, Arc::clone(&scene.set))?;
@@ -267,15 +272,18 @@ pub(crate) fn repeated(
     let settled = recipe.steps >= recipe.all();
     let mut scored = None;
     let fit = subject.fit(recipe.planned, start.is_some());
-    let fitted = fit.fit_watched(&mut model, (&train, validation.as_ref()), &mut |progress, snapshot| {
-        if !go_on(progress.step) {
+    let context = FitContext { validation: validation.as_ref(), ..FitContext::new(&train) };
+    let fitted = fit.fit(&mut model, &context, &mut |step: &FitStep<'_>| {
+        let steps = step.progress.step;
+        progress.report(&steps)?;
+        if steps == recipe.steps && !settled {
+            scored = Some(step.model());
             return ControlFlow::Break(());
         }
-        if progress.step == recipe.steps && !settled {
-            scored = Some(snapshot());
-            return ControlFlow::Break(());
+        if let Some(revision) = recipe.revised.filter(|revision| revision.after == steps) {
+            step.plan(revision.planned);
         }
-        ControlFlow::Continue(recipe.revised.filter(|by| by.after == progress.step).map(|by| by.planned))
+        ControlFlow::Continue(())
     });
     let model = if let Some(scored) = scored {
         scored
@@ -283,23 +291,23 @@ pub(crate) fn repeated(
         fitted?;
         model
     };
-    let stop = || !go_on(recipe.steps);
-    let estimate = subject.score((&model, &test), *recipe, start.cloned().map(Arc::new), &stop)?;
+    let cancel = &CancelToken::new();
+    let mut report =
+        || if progress.report(&recipe.steps).is_break() { Err(InformationError::Cancelled) } else { Ok(()) };
+    report()?;
+    let estimate = subject.score((&model, &test), *recipe, start.cloned().map(Arc::new), cancel)?;
+    report()?;
     let mut beads = subject.beads(before);
-    beads.repeat((recipe.lower, recipe.upper), &stop);
+    beads.repeat((recipe.lower, recipe.upper), cancel);
     if let Some(samples) = recipe.edit {
-        beads.compare(samples, &stop);
+        beads.compare(samples, cancel);
     }
     let whole = if recipe.sensor.is_some() { subject.whole()? } else { None };
     let sensor = whole.zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
         let mut whole = BeadBoundState::new(Some(&channel), design.seed);
-        whole.repeat((Some(lower), Some(upper)), &stop);
+        whole.repeat((Some(lower), Some(upper)), cancel);
         whole.of_sensor(channel.patch, ceiling)
     });
-    // Bounds that were stopped are missing, which must not count as a different number.
-    if stop() {
-        return Err(InformationError::Cancelled.into());
-    }
     Ok(with_sensor(sensor, with_bounds(&beads, estimate)))
 }
 
@@ -309,10 +317,10 @@ fn with_pulls(
     (subject, beads): (&LiveProblem<'_>, &BeadBoundState<'_>),
     estimate: LiveEstimate,
     time: Duration,
-    stop: &dyn Fn() -> bool,
+    cancel: &CancelToken,
 ) -> LiveEstimate {
     let is_loose = subject.is_loose(beads, estimate.bits_per_pixel);
-    let pulls = pulls.look((&estimate.model, is_loose), time, stop);
+    let pulls = pulls.look((&estimate.model, is_loose), time, cancel);
     with_bounds(beads, LiveEstimate { pulls, ..estimate })
 }
 

@@ -6,6 +6,7 @@ use ndarray::{Array2, ArrayView2, Axis, s};
 
 use crate::evaluation::scene::Measurements;
 use crate::information::{CausalModel, InformationError, PowerSpectrum, power_spectrum, sliding_information_map};
+use crate::progress::CancelToken;
 
 /// Largest side of the region that is transformed, pixels. Of a larger image the middle is taken, so that edits never wait long for its
 /// transform.
@@ -50,8 +51,8 @@ pub struct SampleInspection {
 }
 
 impl InspectionRequest {
-    /// Computes the inspection. Stops without an answer where `go_on` returns false, because another design waits.
-    pub(crate) fn look(&self, go_on: &dyn Fn() -> bool) -> Option<SampleInspection> {
+    /// Computes the inspection. Ends without an answer once cancelled, because another design waits.
+    pub(crate) fn look(&self, cancel: &CancelToken) -> Option<SampleInspection> {
         let Measurements { noiseless, noisy, counts, .. } = &*self.measurements;
         let last = noisy.len_of(Axis(0)).saturating_sub(1);
         let of = self.key.sample.min(last);
@@ -61,7 +62,7 @@ impl InspectionRequest {
         let modelled = counts.as_ref().map_or(measured, |counts| counts.index_axis(Axis(0), of));
         // Without a map the image is shown as it is.
         let model = self.model.as_ref().filter(|_| measured.len() <= MOST_MAPPED);
-        let map = match model.map(|model| sliding_information_map(model, modelled, clean, go_on)) {
+        let map = match model.map(|model| sliding_information_map(model, modelled, clean, cancel)) {
             Some(Err(InformationError::Cancelled)) => return None,
             map => map.and_then(Result::ok),
         };

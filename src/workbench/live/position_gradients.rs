@@ -7,6 +7,7 @@ use crate::forward::ForwardModel;
 use crate::information::{CausalModel, Decoder};
 use crate::objects::Split;
 use crate::optics::{LensletArray, LensletGradient};
+use crate::progress::CancelToken;
 use crate::seeds::SeedStream;
 
 /// Fresh scenes per block, and the pixels of a measurement above which a block has fewer. The differences between blocks estimate the
@@ -65,7 +66,7 @@ impl<'a> Pulls<'a> {
         &mut self,
         (model, is_loose): (&CausalModel, bool),
         time: Duration,
-        stop: &dyn Fn() -> bool,
+        cancel: &CancelToken,
     ) -> Option<Vec<PositionGradient>> {
         let array = self.array?;
         let decoder = self.decoder.filter(|_| is_loose);
@@ -74,7 +75,10 @@ impl<'a> Pulls<'a> {
         }
         self.are_decoded = decoder.is_some();
         let began = Instant::now();
-        while !stop() && self.blocks.len() < MOST_BLOCKS && (self.blocks.len() < BLOCKS || began.elapsed() < time) {
+        while !cancel.is_cancelled()
+            && self.blocks.len() < MOST_BLOCKS
+            && (self.blocks.len() < BLOCKS || began.elapsed() < time)
+        {
             let seed = SeedStream::Block { index: self.blocks.len() }.derive(self.seed);
             let slopes = match decoder {
                 Some(decoder) => self.by_decoder(decoder, (array, model), seed),
@@ -109,7 +113,7 @@ impl<'a> Pulls<'a> {
     ) -> Result<Vec<LensletGradient>, IdealError> {
         let scenes = scenes_of(model.patch());
         let draw = GradientDraw { split: Split::Test, objects: scenes, patches: scenes, seed };
-        Ok(self.forward.gradient(array, &draw, model.patch(), model)?.lenslets)
+        Ok(self.forward.gradient(array, &draw, model.patch(), model, &mut CancelToken::new())?.lenslets)
     }
 }
 
@@ -148,7 +152,6 @@ fn pull(blocks: &[Vec<(f64, f64)>], lenslet: usize) -> Option<PositionGradient> 
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
     use std::sync::Arc;
 
     use rand::SeedableRng;
@@ -166,20 +169,22 @@ mod tests {
         let lenslets = [14.3, 16.7].map(|x| Lenslet::round(x, 15.5, 0.8, 0.5)).to_vec();
         let encoder = Encoder::Lenslets(LensletArray { rows: 32, cols: 32, lenslets });
         let design = Design { encoder, objects: "beads:0.11".parse().unwrap(), ..Design::default() };
-        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let forward = ForwardModel::of_objects(&design, Arc::clone(&scene.set)).unwrap();
         let subject = LiveProblem::new(&design, design.noise, &scene, &forward).unwrap();
         let model = subject.model(&subject.stream(Split::Train), &subject.test(32).unwrap(), None).unwrap();
         let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
-        let mut look = |is_loose: bool, stop: bool| pulls.look((&model, is_loose), Duration::ZERO, &|| stop);
-        assert_eq!(look(false, true), None, "it was stopped");
-        let told = look(false, false).unwrap();
+        let (never, cancelled) = (CancelToken::new(), CancelToken::new());
+        cancelled.cancel();
+        let mut look = |is_loose: bool, cancel| pulls.look((&model, is_loose), Duration::ZERO, cancel);
+        assert_eq!(look(false, &cancelled), None, "it was cancelled");
+        let told = look(false, &never).unwrap();
         let [left, right] = &told[..] else { panic!("two lenslets") };
         assert!(left.is_significant && right.is_significant && left.x > 0.0 && right.x < 0.0, "{left:?} {right:?}");
-        assert_eq!(look(false, false), Some(told), "the same scenes");
+        assert_eq!(look(false, &never), Some(told), "the same scenes");
         // A decoder adds scenes with every call.
-        let few = look(true, false).unwrap();
-        pulls.look((&model, true), Duration::from_secs(2), &|| false);
+        let few = look(true, &never).unwrap();
+        pulls.look((&model, true), Duration::from_secs(2), &never);
         assert!(pulls.blocks.len() > BLOCKS && pulls.told() != Some(few), "{}", pulls.blocks.len());
         // A shift of the whole mask leaves the information unchanged.
         let [left, right] = &pulls.told().unwrap()[..] else { panic!("two lenslets") };

@@ -1,5 +1,6 @@
 //! A design as its live estimate sees it: patches, model, scores.
 
+use crate::progress::CancelToken;
 use crate::workbench::live::schedule::SCHEDULE;
 use std::sync::{Arc, OnceLock};
 
@@ -181,15 +182,15 @@ impl<'a> LiveProblem<'a> {
         if warm { CausalFit { rate: share * fit.rate, averaging: WARM_AVERAGING, ..fit } } else { fit }
     }
 
-    /// Scores a model on held-out patches; the recipe of the estimate is that of its fit. `stop` is asked every few patches.
+    /// Scores a model on held-out patches; the recipe of the estimate is that of its fit. `cancel` is checked every few patches.
     pub fn score(
         &self,
         (model, test): (&CausalModel, &PatchBatch),
         recipe: ReplayRecipe,
         start: Option<Arc<CausalStart>>,
-        stop: &dyn Fn() -> bool,
+        cancel: &CancelToken,
     ) -> Result<LiveEstimate, InformationError> {
-        let maps = cancellable_information_map(model, &self.entropy, test, stop)?;
+        let maps = cancellable_information_map(model, &self.entropy, test, cancel)?;
         let information: Vec<f64> = maps.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
         let per_patch = self.entropy.patch_bits(test.clean.as_ref().unwrap_or(&test.noisy).view())?;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -242,8 +243,6 @@ fn joined(one: &PatchBatch, other: &PatchBatch) -> Result<PatchBatch, Informatio
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::*;
     use crate::information::information_map;
     use crate::optics::{Encoder, heuristic_layout};
@@ -257,7 +256,7 @@ mod tests {
         array.lenslets[0].x += 0.25;
         let after = Design { encoder: Encoder::Lenslets(array), ..before.clone() };
         let reseeded = Design { seed: before.seed + 1, ..after.clone() };
-        let scene = Arc::new(Scene::open(&before, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&before, &mut CancelToken::new()).unwrap());
         let mut known = None;
         let mut bits = |design: &Design| -> Vec<f64> {
             let forward = ForwardModel::of_objects(design, Arc::clone(&scene.set)).unwrap();

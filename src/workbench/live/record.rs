@@ -1,6 +1,5 @@
 //! Records of live estimates: files with all that reproduces the numbers.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -11,8 +10,9 @@ use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::formats::{DocumentKind, FormatError, content_key, create_folder, json_of, write_json};
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 use crate::optics::Encoder;
+use crate::progress::Progress;
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
 use crate::workbench::live::estimator::repeated;
 
@@ -166,17 +166,16 @@ impl LiveRecord {
         self.recipe.steps
     }
 
-    /// Recomputes the estimate: equal to the last bit on the same machine with the same version. `go_on` is called at every step of the
-    /// fit with the number of steps done.
+    /// Recomputes the estimate: equal to the last bit on the same machine with the same version. Reports the number of steps of the fit,
+    /// and once more before the score and before the bounds.
     ///
     /// # Errors
-    /// Where the objects cannot be opened or the design allows no estimate, and when cancelled.
-    pub fn repeat(&self, go_on: &(dyn Fn(usize) -> bool + Sync)) -> Result<Repeated, EvaluationError> {
-        let open = |_: Progress| if go_on(0) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let scene = Scene::open(&self.design, &open)?;
+    /// Where the objects cannot be opened or the design allows no estimate, and when `progress` cancels.
+    pub fn repeat(&self, progress: &mut dyn Progress<usize>) -> Result<Repeated, EvaluationError> {
+        let scene = Scene::open(&self.design, &mut |_: &ReadProgress| progress.report(&0))?;
         let before = self.design_before().map(Arc::new);
         let designs = (&self.design, before.as_ref());
-        let live = repeated(designs, &scene, (&self.recipe, self.start.as_ref()), go_on)?;
+        let live = repeated(designs, &scene, (&self.recipe, self.start.as_ref()), progress)?;
         let numbers = LiveNumbers::of(&live);
         let mut notes = Vec::new();
         if scene.set.fingerprint() != self.objects_fingerprint {
@@ -192,12 +191,13 @@ impl LiveRecord {
 #[cfg(test)]
 mod tests {
     use std::cell::RefCell;
-    use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+    use std::ops::ControlFlow;
 
     use super::*;
     use crate::evaluation::scene::{Optics, SceneTables};
     use crate::objects::ObjectSource;
     use crate::optics::heuristic_layout;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
     use crate::workbench::jobs::record::{Record, RecordError};
     use crate::workbench::live::bounds::BoundSource;
@@ -216,14 +216,14 @@ mod tests {
         scene: &Arc<Scene>,
         wanted: fn(&LiveEstimate) -> bool,
     ) -> LiveEstimate {
-        let (found, stop) = (RefCell::new(None), AtomicBool::new(false));
+        let (found, cancel) = (RefCell::new(None), CancelToken::new());
         let mut publish = |estimate: LiveEstimate| {
             if wanted(&estimate) && found.borrow().is_none() {
                 found.replace(Some(estimate));
-                stop.store(true, Ordering::Relaxed);
+                cancel.cancel();
             }
         };
-        let ended = refiner.refine((design, before), scene, &mut publish, &|| stop.load(Ordering::Relaxed));
+        let ended = refiner.refine((design, before), scene, &mut publish, &cancel);
         assert!(ended.as_ref().is_err_and(EvaluationError::is_cancelled), "{ended:?}");
         found.into_inner().unwrap()
     }
@@ -233,7 +233,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let design = |count| Design { encoder: Encoder::Lenslets(heuristic_layout(count)), ..Design::default() };
         let (one, two) = (design(1), design(2));
-        let scene = Arc::new(Scene::open(&one, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&one, &mut CancelToken::new()).unwrap());
         let mut refiner = LiveEstimator::default();
         let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
         let cold = first(&mut refiner, (&one, None), &scene, is_revised);
@@ -253,20 +253,24 @@ mod tests {
             record.save(&path).unwrap();
             let read = open(&path).unwrap();
             assert_eq!(read, record);
-            let repeated = read.repeat(&|_| true).unwrap();
+            let repeated = read.repeat(&mut CancelToken::new()).unwrap();
             assert!(repeated.same && repeated.notes.is_empty(), "{repeated:#?}");
             assert_eq!(repeated.numbers.bits_per_pixel, live.bits_per_pixel);
-            assert!(read.repeat(&|_| false).is_err_and(|error| error.is_cancelled()));
+            assert!(read.repeat(&mut |_: &usize| ControlFlow::Break(())).is_err_and(|error| error.is_cancelled()));
         }
         // A record may be of the very first step, and a repetition be stopped when its fit is done.
         let record = LiveRecord::new(&one, &scene, &cold);
         let first = LiveRecord { recipe: ReplayRecipe { steps: 1, ..record.recipe }, ..record.clone() };
-        assert!(first.repeat(&|_| false).is_err_and(|error| error.is_cancelled()));
-        for more in [1, 1 + record.recipe.test_patches.div_ceil(32)] {
-            // While it is scored, and while its bounds are taken.
-            let asked = AtomicUsize::new(0);
-            let so_far = |step: usize| step < record.steps() || asked.fetch_add(1, Ordering::Relaxed) < more;
-            assert!(record.repeat(&so_far).is_err_and(|error| error.is_cancelled()));
+        assert!(first.repeat(&mut |_: &usize| ControlFlow::Break(())).is_err_and(|error| error.is_cancelled()));
+        // The last step of the fit, the score and the bounds each report the same number.
+        for last in 1..=3 {
+            let mut reports = 0;
+            let mut until_last = |steps: &usize| {
+                reports += usize::from(*steps == record.steps());
+                if reports < last { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+            };
+            assert!(record.repeat(&mut until_last).is_err_and(|error| error.is_cancelled()));
+            assert_eq!(reports, last);
         }
         assert_ne!(LiveRecord::new(&one, &scene, &cold).file_name(), LiveRecord::new(&one, &scene, &warm).file_name());
     }
@@ -280,7 +284,7 @@ mod tests {
         std::fs::write(&path, bytes).unwrap();
         let encoder = Encoder::Lenslets(heuristic_layout(2));
         let design = Design { objects: ObjectSource::Idx(path), encoder, ..Design::default() };
-        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         assert!(scene.set.fitting_parts().1.is_some());
         let mut refiner = LiveEstimator::default();
         refiner.set_pace(0.1);
@@ -289,7 +293,7 @@ mod tests {
         let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
         assert!(on_the_way.remaining.is_some() && settled.start.is_some());
         for live in [&on_the_way, &settled] {
-            let repeated = LiveRecord::new(&design, &scene, live).repeat(&|_| true).unwrap();
+            let repeated = LiveRecord::new(&design, &scene, live).repeat(&mut CancelToken::new()).unwrap();
             assert!(repeated.same, "{repeated:#?}");
         }
     }
@@ -297,13 +301,13 @@ mod tests {
     #[test]
     fn last_bounds_that_were_interrupted_come_without_another_fit() {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
-        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let mut refiner = LiveEstimator::default();
         // So slow that the fewest steps are planned.
         refiner.set_pace(1.0);
         let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
-        refiner.refine((&design, None), &scene, &mut |live| published.push(live), &|| false).unwrap();
+        refiner.refine((&design, None), &scene, &mut |live| published.push(live), &CancelToken::new()).unwrap();
         let [first, pulled, last, whole, done] = &published[..] else { panic!("{} estimates", published.len()) };
         assert!(pulled.pulls.is_some() && pulled.upper == first.upper);
         assert_eq!(first.upper, settled.upper);
@@ -316,7 +320,7 @@ mod tests {
         assert_eq!(done.sensor, whole.sensor);
         let (lower, upper) = (sensor.bracket.lower.unwrap(), sensor.bracket.upper);
         assert!(lower > 0.15 && upper < 0.19 && whole.lower.as_ref().unwrap().bits_per_pixel > upper, "{sensor:?}");
-        let repeated = LiveRecord::new(&design, &scene, whole).repeat(&|_| true).unwrap();
+        let repeated = LiveRecord::new(&design, &scene, whole).repeat(&mut CancelToken::new()).unwrap();
         assert!(repeated.same && repeated.numbers.sensor.is_some(), "{repeated:#?}");
     }
 
@@ -324,7 +328,7 @@ mod tests {
     fn where_weak_read_noise_is_left_out_of_bounds_the_map_is_of_the_counts() {
         let noise = Noise::ShotRead { sigma: 0.1 };
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), noise, ..Design::default() };
-        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let live = first(&mut LiveEstimator::default(), (&design, None), &scene, |_| true);
         let optics = Optics::of(&design, scene.set.planes()).unwrap();
         let prepared = SceneTables::new(&scene, design.encoder.grid()).unwrap();
@@ -333,7 +337,8 @@ mod tests {
         let are_below = |(count, noisy): (&f32, &f32)| count.fract() == 0.0 && (count - noisy).abs() < 1.0;
         assert!(counts.iter().zip(&measurements.noisy).all(are_below));
         let key = InspectionKey { revision: 1, sample: 0, noisy: true, steps: Some(live.recipe.steps) };
-        let closer = InspectionRequest { key, measurements, model: Some(live.model) }.look(&|| true).unwrap();
+        let closer =
+            InspectionRequest { key, measurements, model: Some(live.model) }.look(&CancelToken::new()).unwrap();
         let map = closer.map.unwrap();
         let told = map.iter().map(|&bits| f64::from(bits)).sum::<f64>() / map.len() as f64;
         assert!((0.0..2.0).contains(&told), "{told} bits per pixel");
@@ -359,7 +364,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("record.json");
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
-        let scene = Arc::new(Scene::open(&design, &|_| ControlFlow::Continue(())).unwrap());
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let mut refiner = LiveEstimator::default();
         first(&mut refiner, (&design, None), &scene, |_| true);
         let warm = first(&mut refiner, (&design, None), &scene, |_| true);

@@ -304,12 +304,11 @@ impl Start {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
-
     use super::*;
     use crate::design::Preset;
     use crate::evaluation::estimate;
     use crate::information::InformationError;
+    use crate::progress::CancelToken;
 
     fn checkpoint(step: usize, array: &LensletArray) -> Checkpoint {
         Checkpoint {
@@ -335,7 +334,7 @@ mod tests {
             patches_test: 20,
             ..score_request(&start.design, Some((32, 32)))
         };
-        let estimate = estimate(&start.design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let estimate = estimate(&start.design, &request, &mut CancelToken::new()).unwrap();
         let Start { name, design } = start;
         let scored = Some(estimate.clone());
         let mut result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None };

@@ -1,19 +1,19 @@
 //! Record of a run, which reproduces it, and its curve.
 
-use std::ops::ControlFlow;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use crate::design::{
-    Checkpoint, IdealEvent, IdealOptimizer, IdealSettings, Objective, Observer, least_separation_px, merged_result,
+    Checkpoint, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, Objective, least_separation_px, merged_result,
 };
 use crate::evaluation::EvaluationError;
 use crate::formats::{DocumentKind, FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 use crate::optics::Encoder;
+use crate::progress::Progress;
 use crate::studies::Machine;
 use crate::workbench::Curve;
 use crate::workbench::runs::run::run_ideal;
@@ -112,8 +112,8 @@ impl IdealRecord {
     pub fn reproduce(
         &self,
         parts: &[IdealSettings],
-        reading: &dyn Fn(Progress) -> ControlFlow<()>,
-        observer: Observer<'_>,
+        reading: &mut dyn Progress<ReadProgress>,
+        progress: &mut dyn for<'a> Progress<IdealProgress<'a>>,
     ) -> Result<Self, EvaluationError> {
         let (mut state, mut reached) = (None::<Vec<u8>>, None);
         for settings in parts {
@@ -127,7 +127,7 @@ impl IdealRecord {
                 }
                 Ok(())
             };
-            match run_ideal(&self.start, settings, state.as_deref(), reading, keep, observer) {
+            match run_ideal(&self.start, settings, state.as_deref(), reading, keep, progress) {
                 Ok(record) => reached = Some(record),
                 Err(error) => return reached.filter(|record| !record.finished).ok_or(error),
             }

@@ -1,13 +1,12 @@
 //! A run of the optimizer from a design.
 
-use std::ops::ControlFlow;
-
-use crate::design::{IdealOptimizer, IdealSettings, Objective, Observer};
+use crate::design::{IdealOptimizer, IdealProgress, IdealSettings, Objective};
 use crate::evaluation::EvaluationError;
 use crate::evaluation::scene::ceiling_of;
 use crate::forward::{Design, ForwardModel, open_set_with};
-use crate::objects::Progress;
+use crate::objects::ReadProgress;
 use crate::optics::{LensletArray, render_psf};
+use crate::progress::Progress;
 use crate::workbench::runs::record::IdealRecord;
 
 /// Callback with the optimizer between two rounds, for saving its state.
@@ -19,14 +18,14 @@ pub(super) type Keep<'a> = &'a mut dyn FnMut(&IdealOptimizer<'_>) -> Result<(), 
 /// A run that was planned for fewer steps than the settings ask for finishes these first, and is then extended.
 ///
 /// # Errors
-/// Where design, objects, noise and settings do not allow a run, for a state of another run, and after `Break` of a callback.
+/// Where design, objects, noise and settings do not allow a run, for a state of another run, and where `reading` or `progress` cancels.
 pub fn run_ideal(
     design: &Design,
     settings: &IdealSettings,
     state: Option<&[u8]>,
-    reading: &dyn Fn(Progress) -> ControlFlow<()>,
+    reading: &mut dyn Progress<ReadProgress>,
     keep: Keep<'_>,
-    observer: Observer<'_>,
+    progress: &mut dyn for<'a> Progress<IdealProgress<'a>>,
 ) -> Result<IdealRecord, EvaluationError> {
     // The result is scored on the test part of the objects, which a run does not use.
     let forward = ForwardModel::of_objects(design, open_set_with(design, reading)?.of_training())?;
@@ -37,7 +36,7 @@ pub fn run_ideal(
         ideal.extend_to(settings.steps);
     }
     while !ideal.is_finished() {
-        ideal.advance(observer)?;
+        ideal.advance(progress)?;
         keep(&ideal)?;
         ideal.extend_to(settings.steps);
     }

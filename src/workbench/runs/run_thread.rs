@@ -243,16 +243,16 @@ impl Drop for RunThread {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
     use std::time::{Duration, Instant};
 
     use super::*;
-    use crate::design::{IdealProgress, Objective, Preset};
+    use crate::design::{Objective, Preset};
     use crate::evaluation::{DensityModel, EstimateRequest, estimate};
     use crate::forward::Design;
     use crate::information::FitLength;
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
+    use crate::progress::CancelToken;
     use crate::workbench::estimate_command;
     use crate::workbench::runs::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
     use crate::workbench::runs::run::run_ideal;
@@ -296,9 +296,9 @@ mod tests {
             last_fit: 30,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let go = |_: &IdealProgress<'_>| ControlFlow::Continue(());
-        let reading = |_| ControlFlow::Continue(());
-        let whole = run_ideal(&start.design, &settings, None, &reading, &mut |_| Ok(()), &mut { go }).unwrap();
+        let never = CancelToken::new();
+        let (mut reading, mut progress) = (never.clone(), never);
+        let whole = run_ideal(&start.design, &settings, None, &mut reading, &mut |_| Ok(()), &mut progress).unwrap();
 
         let designer = RunThread::new(Arc::new(|| ()), Threads::default(), Activities::default());
         designer.start(vec![start], settings).unwrap();
@@ -363,7 +363,7 @@ mod tests {
             patches_test: 20,
             ..score_request(&design, Some((32, 32)))
         };
-        let found = estimate(&design, &request, &mut |_| ControlFlow::Continue(())).unwrap();
+        let found = estimate(&design, &request, &mut CancelToken::new()).unwrap();
         let name = starts[0].name.clone();
         let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, is_scored: true, record: None }];
         let settings =

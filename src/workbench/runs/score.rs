@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use crate::design::Checkpoint;
 use crate::evaluation::estimation::read;
-use crate::evaluation::progress::Watch;
+use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, estimate};
 use crate::forward::{Design, ForwardModel};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
 use crate::optics::Encoder;
+use crate::progress::Progress;
 use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
 use crate::workbench::runs::design_run::score_request;
 use crate::workbench::runs::record::{IdealRecord, patches_of};
@@ -27,10 +28,10 @@ const PATCH: usize = 32;
 pub fn score_in_patches(
     design: &Design,
     budget: Option<Duration>,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Estimate, EvaluationError> {
-    let patch = ForwardModel::of_objects(design, read(design, watch)?)?.patch(Some((PATCH, PATCH)));
-    estimate(design, &score_within(design, Some(patch), budget), watch)
+    let patch = ForwardModel::of_objects(design, read(design, progress)?)?.patch(Some((PATCH, PATCH)));
+    estimate(design, &score_within(design, Some(patch), budget), progress)
 }
 
 /// [`score_request`] with fits of this time, where there is one.
@@ -48,13 +49,13 @@ pub fn score_whole(
     design: &Design,
     patches: &Estimate,
     budget: Option<Duration>,
-    watch: Watch<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Option<Estimate>, EvaluationError> {
-    let whole = ForwardModel::of_objects(design, read(design, watch)?)?.patch(None);
+    let whole = ForwardModel::of_objects(design, read(design, progress)?)?.patch(None);
     if whole == patches.patch.into() || whole.0 * whole.1 > MAX_PATCH_PIXELS {
         return Ok(None);
     }
-    estimate(design, &score_within(design, None, budget), watch).map(Some)
+    estimate(design, &score_within(design, None, budget), progress).map(Some)
 }
 
 /// The study that compares a run's result with its start and with heuristic layouts of the numbers of lenslets in `against`. Patches are
@@ -291,7 +292,7 @@ mod tests {
         let mut study = Study::open(settings, folder.path()).unwrap();
         let mut done = 0;
         study
-            .run(&mut |event| {
+            .run(&mut |event: &StudyEvent<'_>| {
                 done += usize::from(matches!(event, StudyEvent::Done { .. }));
                 ControlFlow::Continue(())
             })

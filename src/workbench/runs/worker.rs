@@ -9,6 +9,7 @@ use crate::design::{IdealOptimizer, IdealProgress, IdealSettings, time_left};
 use crate::evaluation::{EstimateProgress, EvaluationError};
 use crate::forward::Design;
 use crate::information::Estimate;
+use crate::objects::ReadProgress;
 use crate::optics::LensletArray;
 use crate::studies::{Study, StudyCell, StudyError, StudyEvent};
 use crate::workbench::background::activity::{Activities, Entry};
@@ -105,7 +106,7 @@ impl Shared {
             folder.map_or_else(|| Study::begin(settings.clone()), |kept| kept.comparison(settings.clone()))?;
         let mut compared = study.record().clone();
         self.change(|run| run.comparison = Some(Arc::new(compared.clone())));
-        study.run(&mut |event| {
+        study.run(&mut |event: &StudyEvent<'_>| {
             match event {
                 StudyEvent::Step(step) => {
                     let share = (step.number - 1) as f64 / step.cells.max(1) as f64;
@@ -212,9 +213,9 @@ impl Shared {
             lock(&self.states)[at] = Some(state);
             Ok(())
         };
-        let reading = |_| self.proceed();
+        let mut reading = |_: &ReadProgress| self.proceed();
         let state = lock(&self.states)[at].clone();
-        let run = run_ideal(&start.design, settings, state.as_deref(), &reading, &mut keep, &mut watch);
+        let run = run_ideal(&start.design, settings, state.as_deref(), &mut reading, &mut keep, &mut watch);
         let stopped = match run {
             Ok(record) => {
                 let record = Arc::new(record);
@@ -304,12 +305,14 @@ impl Shared {
 
     /// Scores a design in patches.
     fn score_in_patches(&self, design: &Design) -> Result<Estimate, EvaluationError> {
-        score_in_patches(design, None, &mut |progress| self.tell_score("", progress))
+        score_in_patches(design, None, &mut |progress: &EstimateProgress| self.tell_score("", progress))
     }
 
     /// Scores a design for whole measurements, where these are larger than patches.
     fn score_whole(&self, design: &Design, patches: &Estimate) -> Result<Option<Estimate>, EvaluationError> {
-        score_whole(design, patches, None, &mut |progress| self.tell_score(" for the whole sensor", progress))
+        score_whole(design, patches, None, &mut |progress: &EstimateProgress| {
+            self.tell_score(" for the whole sensor", progress)
+        })
     }
 
     fn tell_score(&self, place: &str, progress: &EstimateProgress) -> ControlFlow<()> {

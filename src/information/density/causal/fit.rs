@@ -1,6 +1,7 @@
 //! The fit: small batches of new patches, Muon, a warm-up and decay of the rate, averaged weights.
 
-use std::ops::{ControlFlow, Range};
+use std::cell::Cell;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
@@ -13,9 +14,10 @@ use super::shape::rule;
 use super::stream::{PatchBatch, PatchStream};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
-use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::progress::FitProgress;
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Averaging, Optimizer, learning_rate_factor};
+use crate::progress::Progress;
 
 /// Patches of one step.
 pub(super) const BATCH: usize = 2;
@@ -42,21 +44,47 @@ pub enum FitLength {
     Time(Duration),
 }
 
-/// Callback after every step: receives the progress and a function that makes the model as if the fit ended there. `Break`
-/// cancels; `Continue(Some(n))` plans n steps in all, and the rest of the schedule is spread over them.
-pub type OnStep<'a> = &'a mut dyn FnMut(&FitProgress, &dyn Fn() -> CausalModel) -> ControlFlow<(), Option<usize>>;
+/// A step of a fit, reported after it.
+pub struct FitStep<'a> {
+    /// Progress of the fit.
+    pub progress: FitProgress,
+    model: &'a dyn Fn() -> CausalModel,
+    planned: Cell<Option<usize>>,
+}
 
-/// Optional parts of a fit: checkpoint and validation.
+impl FitStep<'_> {
+    /// The model as if the fit ended here.
+    pub fn model(&self) -> CausalModel {
+        (self.model)()
+    }
+
+    /// Plans `steps` steps in all and spreads the rest of the schedule over them; without effect on a fit of a given time.
+    pub fn plan(&self, steps: usize) {
+        self.planned.set(Some(steps));
+    }
+}
+
+/// What a fit uses besides the model and its settings.
 #[derive(Clone, Copy)]
-pub(in crate::information) struct FitAids<'a> {
-    /// Checkpoint; a fit resumes from it.
-    pub keeper: Option<&'a dyn FitCheckpoint>,
+pub struct FitContext<'a> {
+    /// Source of training patches.
+    pub stream: &'a dyn PatchStream,
     /// Validation patches; the weights that score best on them win.
     pub validation: Option<&'a PatchBatch>,
+    /// Checkpoint from which the fit resumes. With a fixed number of steps a resumed fit gives the same bits.
+    pub keeper: Option<&'a dyn FitCheckpoint>,
+}
+
+impl<'a> FitContext<'a> {
+    /// Patches alone.
+    pub fn new(stream: &'a dyn PatchStream) -> Self {
+        Self { stream, validation: None, keeper: None }
+    }
 }
 
 /// Result of a fit.
-pub(in crate::information) struct Fitted {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fitted {
     /// Steps, those of earlier sessions included.
     pub steps: usize,
     /// Step of the best validation score, where it beats the final weights.
@@ -88,46 +116,17 @@ impl CausalFit {
         Self { batch: BATCH, rate: RATE, averaging: Averaging::LAST_TENTH, max_norm: MAX_NORM, length, seed }
     }
 
-    /// Fits `model` to new patches of `stream`; its weights become the average over the last steps. Returns the
-    /// number of steps.
+    /// Fits `model` to new patches; its weights become the average over the last steps.
     ///
     /// # Errors
-    /// Where the stream fails, numbers stay infinite, or `on_progress` cancels; the model then keeps the weights
-    /// reached.
+    /// Where the stream fails, numbers stay infinite, or `progress` cancels; the model then keeps the weights
+    /// reached. Where the checkpoint cannot be read or written, or belongs to another fit; where the validation patches
+    /// do not fit the model.
     pub fn fit(
         &self,
         model: &mut CausalModel,
-        stream: &dyn PatchStream,
-        on_progress: OnProgress<'_>,
-    ) -> Result<usize, InformationError> {
-        self.fit_watched(model, (stream, None), &mut |progress, _| on_progress(progress).map_continue(|()| None))
-    }
-
-    /// As [`CausalFit::fit`], with a callback that can see the model ([`OnStep`]) and optional validation patches.
-    ///
-    /// # Errors
-    /// As [`CausalFit::fit`]; where the validation patches do not fit the model.
-    pub fn fit_watched(
-        &self,
-        model: &mut CausalModel,
-        (stream, validation): (&dyn PatchStream, Option<&PatchBatch>),
-        on_step: OnStep<'_>,
-    ) -> Result<usize, InformationError> {
-        Ok(self.fit_aided(model, stream, FitAids { validation, keeper: None }, on_step)?.steps)
-    }
-
-    /// As [`CausalFit::fit_watched`], with a checkpoint. With a fixed number of steps a resumed fit gives the same
-    /// bits.
-    ///
-    /// # Errors
-    /// As there; where the checkpoint cannot be read or written, or belongs to another fit; where the validation
-    /// patches do not fit the model.
-    pub(in crate::information) fn fit_aided(
-        &self,
-        model: &mut CausalModel,
-        stream: &dyn PatchStream,
-        FitAids { keeper, validation }: FitAids<'_>,
-        on_step: OnStep<'_>,
+        &FitContext { stream, validation, keeper }: &FitContext<'_>,
+        progress: &mut dyn for<'a> Progress<FitStep<'a>>,
     ) -> Result<Fitted, InformationError> {
         let (mut trainer, mut found) = (Trainer::new(model, self.averaging), None);
         if let Some(keeper) = keeper {
@@ -158,13 +157,14 @@ impl CausalFit {
                 let elapsed = time.elapsed();
                 best.validate(plan.done(trainer.course.steps, elapsed), trainer.course.steps, &averaged)?;
                 let snapshot = || CausalModel { weights: best.or(|| trainer.averaged(model)), ..model.clone() };
-                match on_step(&plan.progress(&trainer.course, elapsed), &snapshot) {
-                    ControlFlow::Continue(None) => {}
-                    ControlFlow::Continue(Some(all)) => plan.revise(trainer.course.steps, all),
-                    ControlFlow::Break(()) => {
-                        model.weights = best.or(|| trainer.averaged(model));
-                        return Err(InformationError::Cancelled);
-                    }
+                let step = plan.progress(&trainer.course, elapsed);
+                let step = FitStep { progress: step, model: &snapshot, planned: Cell::new(None) };
+                if progress.report(&step).is_break() {
+                    model.weights = best.or(|| trainer.averaged(model));
+                    return Err(InformationError::Cancelled);
+                }
+                if let Some(all) = step.planned.get() {
+                    plan.revise(trainer.course.steps, all);
                 }
             }
         }

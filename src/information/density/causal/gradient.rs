@@ -13,6 +13,7 @@ use crate::information::density::frozen::FrozenDensity;
 use crate::information::entropy::reparameterisation::{DARKEST, Reparameterised};
 use crate::information::error::InformationError;
 use crate::nn::if_not_negligible;
+use crate::progress::Progress;
 
 impl FrozenDensity for CausalModel {
     /// Both terms of `log2 p(y|x) - log2 q(y)` at the same measurements. For Poisson counts the part that depends on
@@ -21,6 +22,7 @@ impl FrozenDensity for CausalModel {
         &self,
         clean: ArrayView3<'_, f32>,
         normals: ArrayView3<'_, f32>,
+        _progress: &mut dyn Progress<usize>,
     ) -> Result<(f64, Array3<f64>), InformationError> {
         let noise = Reparameterised::new(self.conditioning.noise);
         let mut noisy = clean.to_owned();
@@ -179,6 +181,7 @@ mod tests {
     use super::super::shape::CausalShape;
     use super::super::stream::PatchBatch;
     use super::*;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     #[test]
@@ -197,13 +200,16 @@ mod tests {
             }
             let clean = clean.slice_move(ndarray::s![..2, .., ..]);
             let normals = clean.mapv(|x| (x * 7.3).sin() * 1.2);
-            let (bits, gradient) = model.information_gradient(clean.view(), normals.view()).unwrap();
+            let value = |clean: &Array3<f32>| {
+                model.information_gradient(clean.view(), normals.view(), &mut CancelToken::new()).unwrap()
+            };
+            let (bits, gradient) = value(&clean);
             assert!((0.0..5.0).contains(&bits), "{noise}: {bits}");
             for index in [(0, 0, 0), (0, 2, 3), (1, 3, 1), (1, 5, 6), (0, 4, 5), (1, 0, 3)] {
                 let moved = |by: f32| {
                     let mut clean = clean.clone();
                     clean[index] += by;
-                    model.information_gradient(clean.view(), normals.view()).unwrap().0
+                    value(&clean).0
                 };
                 let step = 0.05;
                 let slope = (moved(step) - moved(-step)) / (2.0 * f64::from(step));

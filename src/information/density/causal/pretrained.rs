@@ -1,6 +1,5 @@
 //! Pretrained weights for many encoders and scenes.
 
-use std::ops::ControlFlow;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
@@ -21,6 +20,7 @@ use crate::nn::{
     Averaging, Optimizer, ParameterLayout, WeightsHeader, learning_rate_factor, read_details, read_weights,
     write_weights,
 };
+use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// Weights of the program.
@@ -60,9 +60,19 @@ pub struct PretrainProgress {
     pub elapsed: Duration,
 }
 
-/// Callback after every step: receives the progress and a function that makes the weights as if the fit ended there; `Break`
-/// cancels.
-pub type OnPretrainStep<'a> = &'a mut dyn FnMut(&PretrainProgress, &dyn Fn() -> PretrainedWeights) -> ControlFlow<()>;
+/// A step of a fit of [`PretrainedWeights`], reported after it.
+pub struct PretrainStep<'a> {
+    /// Progress of the fit.
+    pub progress: PretrainProgress,
+    weights: &'a dyn Fn() -> PretrainedWeights,
+}
+
+impl PretrainStep<'_> {
+    /// The weights as if the fit ended here.
+    pub fn weights(&self) -> PretrainedWeights {
+        (self.weights)()
+    }
+}
 
 /// Pretrained weights for models of any design. The weights of the head are interpolated between knots over the standardised
 /// roots of photons, since the intensity grid differs between designs.
@@ -145,12 +155,12 @@ impl PretrainedWeights {
     /// its number. The weights become the average over the last steps.
     ///
     /// # Errors
-    /// Where a scene is invalid; when `on_progress` cancels.
+    /// Where a scene is invalid; when `on_step` cancels.
     pub fn fit(
         &mut self,
         scene: &(dyn Fn(u64) -> Result<TrainingScene, InformationError> + Sync),
         (length, seed): (Duration, u64),
-        on_progress: OnPretrainStep<'_>,
+        on_step: &mut dyn for<'a> Progress<PretrainStep<'a>>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
         let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -180,7 +190,7 @@ impl PretrainedWeights {
                     return Ok(());
                 }
                 let snapshot = || Self { weights: optimizer.result(&self.weights).to_vec(), ..self.clone() };
-                if on_progress(&progress, &snapshot).is_break() {
+                if on_step.report(&PretrainStep { progress, weights: &snapshot }).is_break() {
                     return Err(InformationError::Cancelled);
                 }
             }
@@ -235,6 +245,8 @@ fn knots(model: &CausalModel) -> Vec<(usize, f32)> {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::super::init::Init;
     use super::*;
     use ndarray::Array3;
@@ -292,14 +304,15 @@ mod tests {
         let mut weights = PretrainedWeights::new(2);
         let (mut early, mut late, mut kept) = (0.0, f64::INFINITY, None);
         let fitted =
-            weights.fit(&|number| Ok(scene(number)), (Duration::from_hours(1), 3), &mut |progress, snapshot| {
+            weights.fit(&|number| Ok(scene(number)), (Duration::from_hours(1), 3), &mut |step: &PretrainStep<'_>| {
+                let progress = &step.progress;
                 match progress.steps {
                     10 => early = progress.bits,
                     // 16 scenes of 20 steps each.
                     321 => assert_eq!(progress.scenes, 32),
                     ..400 => {}
                     _ => {
-                        (late, kept) = (progress.bits, Some(snapshot()));
+                        (late, kept) = (progress.bits, Some(step.weights()));
                         return ControlFlow::Break(());
                     }
                 }

@@ -8,6 +8,7 @@ use super::model::CausalModel;
 use super::stream::PatchStream;
 use crate::information::error::InformationError;
 use crate::nn::{Averaging, warmup_factor};
+use crate::progress::Progress;
 
 /// Factor of the learning rate, which does not fall. At twice this rate the same masks of a run gave estimates 0.002
 /// bits per pixel higher.
@@ -38,8 +39,8 @@ impl CausalRefit {
         Self { fit, steps, model: start, trainer, inputs: Inputs::default(), batches: Vec::new() }
     }
 
-    /// Advances to `steps` steps in all. New patches are drawn whenever the last ones are used up; `go_on` is asked after every
-    /// step and false cancels.
+    /// Advances to `steps` steps in all. New patches are drawn whenever the last ones are used up. The number of steps so far is
+    /// reported after every step.
     ///
     /// # Errors
     /// As [`CausalFit::fit`].
@@ -47,7 +48,7 @@ impl CausalRefit {
         &mut self,
         steps: usize,
         stream: &dyn PatchStream,
-        go_on: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<(), InformationError> {
         let Self { fit, steps: all, model, trainer, inputs, batches } = self;
         while trainer.course.steps < steps.min(*all) {
@@ -58,7 +59,7 @@ impl CausalRefit {
             };
             let factor = warmup_factor(trainer.course.steps as f64 / *all as f64);
             trainer.step(fit, model, (inputs, indices), factor)?;
-            if !go_on() {
+            if progress.report(&trainer.course.steps).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
@@ -73,7 +74,7 @@ impl CausalRefit {
 
 #[cfg(test)]
 mod tests {
-    use std::cell::Cell;
+    use std::ops::ControlFlow;
 
     use ndarray::Array3;
 
@@ -82,6 +83,7 @@ mod tests {
     use super::super::shape::CausalShape;
     use super::super::stream::PatchBatch;
     use super::*;
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     /// Spots at places set by the seed.
@@ -106,17 +108,20 @@ mod tests {
         let start = CausalModel::new(shape, Noise::Shot, &sample, &moments, Init::Random, 3).unwrap();
         let begin = || CausalRefit::new((300, 7), start.clone());
         let (mut whole, mut parts) = (begin(), begin());
-        whole.advance_to(300, &Spots, &|| true).unwrap();
+        whole.advance_to(300, &Spots, &mut CancelToken::new()).unwrap();
         for steps in [0, 3, 3, 40, 300, 400] {
-            parts.advance_to(steps, &Spots, &|| true).unwrap();
+            parts.advance_to(steps, &Spots, &mut CancelToken::new()).unwrap();
         }
         assert_eq!(whole.model().weights, parts.model().weights);
         let held_out = Spots.draw(200, 999).unwrap();
         let bits = |model: &CausalModel| model.cross_entropy_map(held_out.noisy.view()).unwrap().mean().unwrap();
         assert!(bits(&whole.model()) < bits(&start) - 0.02);
-        let left = Cell::new(5);
-        let go_on = || left.replace(left.get() - 1) > 1;
-        assert!(matches!(begin().advance_to(300, &Spots, &go_on), Err(InformationError::Cancelled)));
-        assert_eq!(left.get(), 0, "asked after every step");
+        let mut reported = Vec::new();
+        let mut until_five = |steps: &usize| {
+            reported.push(*steps);
+            if *steps < 5 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        assert!(matches!(begin().advance_to(300, &Spots, &mut until_five), Err(InformationError::Cancelled)));
+        assert_eq!(reported, [1, 2, 3, 4, 5]);
     }
 }

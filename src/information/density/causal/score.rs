@@ -1,7 +1,5 @@
 //! Scores of held-out patches by a causal model, and maps of information per pixel.
 
-use std::ops::ControlFlow;
-
 use ndarray::{Array3, Axis, Zip};
 
 use super::model::CausalModel;
@@ -9,19 +7,20 @@ use super::stream::PatchBatch;
 use crate::information::entropy::likelihood::log_likelihood;
 use crate::information::entropy::noise_entropy::NoiseEntropy;
 use crate::information::error::InformationError;
+use crate::progress::{CancelToken, Progress};
 
 /// Held-out patches scored between two checks for cancellation.
 const SCORED_AT_ONCE: usize = 32;
 
-/// As [`score`], in parts: `watch` receives the number of scored patches after each and can cancel.
+/// As [`score`], in parts; reports the number of scored patches after each.
 ///
 /// # Errors
-/// As [`score`], and [`InformationError::Cancelled`] where it does.
+/// As [`score`], and [`InformationError::Cancelled`] where `progress` cancels.
 pub fn score_with_progress(
     model: &CausalModel,
     entropy: &NoiseEntropy,
     test: &PatchBatch,
-    watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    progress: &mut dyn Progress<usize>,
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = test.noisy.len_of(Axis(0));
     let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
@@ -29,7 +28,7 @@ pub fn score_with_progress(
         let (bits, entropies) = score(model, entropy, &part)?;
         information.extend(bits);
         entropy_y_given_x.extend(entropies);
-        if watch(information.len()).is_break() {
+        if progress.report(&information.len()).is_break() {
             return Err(InformationError::Cancelled);
         }
     }
@@ -78,7 +77,7 @@ pub fn information_map(
     Ok(map)
 }
 
-/// As [`information_map`], in parts: cancels where `stop` returns true.
+/// As [`information_map`], in parts; the token is checked before each.
 ///
 /// # Errors
 /// As [`score_with_progress`].
@@ -86,11 +85,11 @@ pub fn cancellable_information_map(
     model: &CausalModel,
     entropy: &NoiseEntropy,
     test: &PatchBatch,
-    stop: &dyn Fn() -> bool,
+    cancel: &CancelToken,
 ) -> Result<Array3<f64>, InformationError> {
     let mut map = Array3::zeros(test.noisy.dim());
     for (mut map, part) in map.axis_chunks_iter_mut(Axis(0), SCORED_AT_ONCE).zip(test.in_parts(SCORED_AT_ONCE)) {
-        if stop() {
+        if cancel.is_cancelled() {
             return Err(InformationError::Cancelled);
         }
         map.assign(&information_map(model, entropy, &part)?);

@@ -7,6 +7,7 @@ use super::score::information_map;
 use super::stream::PatchBatch;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
 use crate::information::error::InformationError;
+use crate::progress::CancelToken;
 
 /// Patches that are computed at a time.
 const AT_ONCE: usize = 16;
@@ -20,13 +21,12 @@ const AT_ONCE: usize = 16;
 ///
 /// # Errors
 /// [`InformationError::Stream`] for a measurement smaller than a patch, and as
-/// [`information_map`](super::information_map). Cancelled where `go_on` returns false, which is called every few
-/// patches.
+/// [`information_map`](super::information_map). Cancelled by the token, which is checked every few patches.
 pub fn sliding_information_map(
     model: &CausalModel,
     noisy: ArrayView2<'_, f32>,
     clean: ArrayView2<'_, f32>,
-    go_on: &dyn Fn() -> bool,
+    cancel: &CancelToken,
 ) -> Result<Array2<f32>, InformationError> {
     let (side_rows, side_cols) = model.patch();
     let (rows, cols) = noisy.dim();
@@ -46,7 +46,7 @@ pub fn sliding_information_map(
     let entropy = NoiseEntropy::new(model.conditioning.noise, Protocol::Default)?;
     let mut maps = Array3::zeros((places.len(), side_rows, side_cols));
     for (places, mut maps) in places.chunks(AT_ONCE).zip(maps.axis_chunks_iter_mut(Axis(0), AT_ONCE)) {
-        if !go_on() {
+        if cancel.is_cancelled() {
             return Err(InformationError::Cancelled);
         }
         let batch = PatchBatch { noisy: cut(noisy, places), clean: Some(cut(clean, places)) };
@@ -104,8 +104,13 @@ mod tests {
             CausalModel::new(shape, Noise::Shot, sample, &moments, Init::Random, 3).unwrap()
         };
         let over = |model: &CausalModel| {
-            sliding_information_map(model, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| true)
-                .unwrap()
+            sliding_information_map(
+                model,
+                batch.noisy.slice(s![0, .., ..]),
+                clean.slice(s![0, .., ..]),
+                &CancelToken::new(),
+            )
+            .unwrap()
         };
         let whole = model(&batch);
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
@@ -122,9 +127,11 @@ mod tests {
         assert!(same(all.slice(s![..6, ..6]), map.slice(s![0, .., ..])));
         assert!(all.iter().all(|bits| bits.is_finite()));
         let small = batch.noisy.slice(s![0, ..5, ..]);
-        assert!(sliding_information_map(&part, small, clean.slice(s![0, ..5, ..]), &|| true).is_err());
+        assert!(sliding_information_map(&part, small, clean.slice(s![0, ..5, ..]), &CancelToken::new()).is_err());
+        let cancelled = CancelToken::new();
+        cancelled.cancel();
         let stopped =
-            sliding_information_map(&part, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &|| false);
+            sliding_information_map(&part, batch.noisy.slice(s![0, .., ..]), clean.slice(s![0, .., ..]), &cancelled);
         assert_eq!(stopped, Err(InformationError::Cancelled));
     }
 }

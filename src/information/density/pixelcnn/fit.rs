@@ -14,9 +14,10 @@ use super::shape::PixelCnnShape;
 use crate::information::density::patch_checks::{check_clean, check_values};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, fit_to_bytes, restore_fit, unread};
-use crate::information::progress::{FitProgress, OnProgress};
+use crate::information::progress::FitProgress;
 use crate::information::stopwatch::Stopwatch;
 use crate::nn::{Optimizer, Rule, learning_rate_factor};
+use crate::progress::Progress;
 
 /// Largest share of the time of a budgeted fit for validation before the last one.
 const VALIDATION_SHARE: f64 = 0.1;
@@ -43,9 +44,9 @@ impl PixelCnnFit {
         min_width: f32,
         patches: TrainingPatches<'_>,
         start: Option<&PixelCnn>,
-        on_progress: OnProgress<'_>,
+        progress: &mut dyn Progress<FitProgress>,
     ) -> Result<(PixelCnn, FitReport), InformationError> {
-        self.fit_kept(shape, min_width, patches, (start, None), on_progress)
+        self.fit_kept(shape, min_width, patches, (start, None), progress)
     }
 
     /// As [`PixelCnnFit::fit`], with a checkpoint from which the fit resumes.
@@ -58,7 +59,7 @@ impl PixelCnnFit {
         min_width: f32,
         patches: TrainingPatches<'_>,
         (start, keeper): (Option<&PixelCnn>, Option<&dyn FitCheckpoint>),
-        on_progress: OnProgress<'_>,
+        progress: &mut dyn Progress<FitProgress>,
     ) -> Result<(PixelCnn, FitReport), InformationError> {
         let validation = self.check(patches)?;
         let scale = DataScale::of(patches.noisy.slice(s![validation.., .., ..]), min_width)?;
@@ -74,7 +75,7 @@ impl PixelCnnFit {
         let mut run = Run::new(self, &model, keeper)?;
         run.restore(&mut model)?;
         batches.skip(run.report.steps, self.batch.max(1));
-        let cut_short = run.epochs(&mut model, batches, held_out.view(), on_progress)?;
+        let cut_short = run.epochs(&mut model, batches, held_out.view(), progress)?;
         let Run { best, report, .. } = run;
         if let Some((weights, _)) = best {
             model.weights = weights;
@@ -206,7 +207,7 @@ impl<'a> Run<'a> {
         model: &mut PixelCnn,
         mut batches: Batches<'_>,
         held_out: ArrayView3<'_, f32>,
-        on_progress: OnProgress<'_>,
+        progress: &mut dyn Progress<FitProgress>,
     ) -> Result<bool, InformationError> {
         let fit = self.fit;
         loop {
@@ -216,14 +217,14 @@ impl<'a> Run<'a> {
                 let done = self.done();
                 let rate = fit.rate * self.caution * if fit.schedule { learning_rate_factor(done) } else { 1.0 };
                 self.step(model, &mut batches, rate)?;
-                if on_progress(&self.progress(epoch)).is_break() {
+                if progress.report(&self.progress(epoch)).is_break() {
                     return Err(InformationError::Cancelled);
                 }
                 if self.out_of_time() || (self.epochs_done(epoch) && self.can_spare_validation()) {
                     break;
                 }
             }
-            self.validate(model, held_out, on_progress)?;
+            self.validate(model, held_out, progress)?;
             if self.finished() {
                 return Ok(false);
             }
@@ -292,14 +293,14 @@ impl<'a> Run<'a> {
         &mut self,
         model: &mut PixelCnn,
         held_out: ArrayView3<'_, f32>,
-        on_progress: OnProgress<'_>,
+        progress: &mut dyn Progress<FitProgress>,
     ) -> Result<(), InformationError> {
         let began = Instant::now();
         let candidate = PixelCnn { weights: self.optimizer.result(&model.weights).to_vec(), ..model.clone() };
         let mut bits = Vec::with_capacity(held_out.len_of(Axis(0)));
         for part in held_out.axis_chunks_iter(Axis(0), SCORED_AT_ONCE) {
             bits.extend(self.engine.cross_entropy_bits(&candidate, part)?);
-            if on_progress(&self.progress(self.report.epochs.len() + 1)).is_break() {
+            if progress.report(&self.progress(self.report.epochs.len() + 1)).is_break() {
                 return Err(InformationError::Cancelled);
             }
         }
@@ -363,7 +364,7 @@ mod tests {
         for fit in [paper, standard] {
             let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
                 let mut asked = 0;
-                let told = fit.fit_kept(shape(), 1.0, patches, (None, keeper), &mut |_| {
+                let told = fit.fit_kept(shape(), 1.0, patches, (None, keeper), &mut |_: &FitProgress| {
                     asked += 1;
                     if asked == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
                 });
@@ -393,7 +394,7 @@ mod tests {
         let patches = TrainingPatches { noisy: noisy.view(), clean: None };
         let fit = PixelCnnFit { batch: 2, steps_per_epoch: 3, max_epochs: 1, ..PixelCnnFit::paper(3) };
         let mut asked = 0;
-        let told = fit.fit(shape(), 1.0, patches, None, &mut |_| {
+        let told = fit.fit(shape(), 1.0, patches, None, &mut |_: &FitProgress| {
             asked += 1;
             // Three steps, and one part of 36 patches.
             if asked == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -6,6 +6,7 @@ use super::model::PixelCnn;
 use crate::information::density::frozen::FrozenDensity;
 use crate::information::entropy::reparameterisation::{DARKEST, Reparameterised};
 use crate::information::error::InformationError;
+use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// Mean of the uniform number added to whole counts before a fit.
@@ -18,8 +19,6 @@ pub struct FrozenPixelCnn<'a> {
     pub network: &'a PixelCnn,
     /// Their noise.
     pub noise: Noise,
-    /// Whether to continue, called during the computation; a gradient of thousands of patches takes long.
-    pub go_on: &'a dyn Fn() -> bool,
 }
 
 impl FrozenDensity for FrozenPixelCnn<'_> {
@@ -29,11 +28,12 @@ impl FrozenDensity for FrozenPixelCnn<'_> {
         &self,
         clean: ArrayView3<'_, f32>,
         normals: ArrayView3<'_, f32>,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<(f64, Array3<f64>), InformationError> {
         let noise = Reparameterised::new(self.noise);
         let mut noisy = clean.to_owned();
         noisy.zip_mut_with(&normals, |x, e| *x = (noise.measured(f64::from(*x), f64::from(*e)) + DEQUANTISED) as f32);
-        let losses = self.network.losses_and_gradients(noisy.view(), self.go_on)?;
+        let losses = self.network.losses_and_gradients(noisy.view(), progress)?;
         let mut gradient = Array3::zeros(clean.dim());
         let mut total = 0.0;
         for ((out, (&x, &e)), (nats, by_y)) in gradient.iter_mut().zip(clean.iter().zip(&normals)).zip(losses) {
@@ -54,6 +54,7 @@ mod tests {
     use super::super::scale::DataScale;
     use super::super::shape::PixelCnnShape;
     use super::*;
+    use crate::progress::CancelToken;
 
     #[test]
     fn the_gradient_is_that_of_finite_differences() {
@@ -68,8 +69,10 @@ mod tests {
             *weight += 0.1 * ((i * 37 % 101) as f32 / 50.0 - 1.0);
         }
         for noise in [Noise::Shot, Noise::Read { sigma: 3.0 }, Noise::ShotRead { sigma: 2.0 }] {
-            let held = FrozenPixelCnn { network: &network, noise, go_on: &|| true };
-            let value = |clean: &Array3<f32>| held.information_gradient(clean.view(), normals.view()).unwrap();
+            let held = FrozenPixelCnn { network: &network, noise };
+            let value = |clean: &Array3<f32>| {
+                held.information_gradient(clean.view(), normals.view(), &mut CancelToken::new()).unwrap()
+            };
             let (bits, gradient) = value(&clean);
             assert!(bits.is_finite(), "{noise}: {bits}");
             for index in [(0, 0, 0), (0, 2, 3), (1, 3, 1), (1, 5, 6), (0, 4, 5), (1, 0, 3)] {

@@ -10,6 +10,7 @@ use super::shape::{Layers, PixelCnnShape};
 use crate::information::density::patch_checks::check_values;
 use crate::information::error::InformationError;
 use crate::nn::{Grid, ParameterLayout, Pool};
+use crate::progress::Progress;
 
 /// Largest patch, px: a thread needs about 22 kB for each pixel.
 const MAX_PATCH_PIXELS: usize = 1 << 14;
@@ -106,18 +107,18 @@ impl PixelCnn {
     }
 
     /// Negative log density of every pixel, nats, and the gradient of their sum by that pixel, per photon; patches in
-    /// photons, pixel after pixel. It ends early where `go_on` returns false.
+    /// photons, pixel after pixel. The number of patches so far is reported before each part.
     pub(super) fn losses_and_gradients(
         &self,
         patches: ArrayView3<'_, f32>,
-        go_on: &dyn Fn() -> bool,
+        progress: &mut dyn Progress<usize>,
     ) -> Result<Vec<(f32, f32)>, InformationError> {
         let (ready, (samples, rows, cols)) = (self.ready(), patches.dim());
         // One chunk for every thread between two checks for cancellation.
         let at_once = samples_per_chunk(rows * cols) * rayon::current_num_threads();
         let mut all = Vec::with_capacity(patches.len());
         for first in (0..samples).step_by(at_once) {
-            if !go_on() {
+            if progress.report(&first).is_break() {
                 return Err(InformationError::Cancelled);
             }
             let some = patches.slice(s![first..samples.min(first + at_once), .., ..]);
