@@ -82,7 +82,7 @@ impl Session {
             history: History::default(),
             path,
             worker,
-            designer: RunThread::new(wake, threads.clone(), activities.clone()),
+            designer: RunThread::start_thread(wake, threads.clone(), activities.clone())?,
             threads,
             activities,
             watched: RunPreview::default(),

@@ -77,7 +77,6 @@ impl<Q: Queue> Mailbox<Q> {
         (self.wake)();
     }
 
-    #[allow(dead_code, reason = "runs that are paused will wait here")]
     /// Waits in a computation while a condition holds; `Break` once `cancel` is cancelled.
     pub fn wait_while(&self, cancel: &CancelToken, mut is_waiting: impl FnMut(&mut Q) -> bool) -> ControlFlow<()> {
         let mut queue = lock(&self.queue);

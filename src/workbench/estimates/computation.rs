@@ -65,7 +65,7 @@ impl EstimateComputation {
 }
 
 /// Writes the waiting orders, where their file is out of date.
-pub(crate) fn write_waiting(mailbox: &Mailbox<EstimateQueue>) {
+fn write_waiting(mailbox: &Mailbox<EstimateQueue>) {
     if let Some((folder, orders)) = mailbox.change(EstimateQueue::take_out_of_date) {
         folder.note_waiting(&orders);
     }

@@ -7,7 +7,7 @@ use crate::formats::{FormatError, create_folder};
 use crate::workbench::background::activity::Activities;
 use crate::workbench::background::mailbox::{Computation, Mailbox, MailboxThread, ThreadSettings};
 use crate::workbench::background::threads::{Threads, Wake, Work};
-use crate::workbench::estimates::computation::{EstimateComputation, write_waiting};
+use crate::workbench::estimates::computation::EstimateComputation;
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::{EstimateQueue, Estimates};
 
@@ -114,12 +114,5 @@ impl Estimator {
     /// A copy of all estimates.
     pub fn estimates(&self) -> Estimates {
         self.thread.look(|queue| queue.estimates().clone())
-    }
-}
-
-impl Drop for Estimator {
-    fn drop(&mut self) {
-        self.thread.finish();
-        write_waiting(&self.thread);
     }
 }

@@ -117,7 +117,7 @@ pub(crate) struct EstimateQueue {
     /// Waiting orders, oldest first.
     orders: VecDeque<(EstimateOrder, Entry)>,
     /// Whether the waiting orders differ from those in their file.
-    is_out_of_date: bool,
+    is_changed: bool,
     /// Newest known revision; a live estimate of an older one is given up.
     newest: u64,
     is_live: bool,
@@ -138,7 +138,7 @@ impl EstimateQueue {
             folder_to_read: None,
             live: None,
             orders: VecDeque::new(),
-            is_out_of_date: false,
+            is_changed: false,
             newest: 0,
             is_live: true,
             is_held: false,
@@ -242,7 +242,7 @@ impl EstimateQueue {
         }
         let entry = self.activities.add(ActivityKind::Estimate, order.name());
         self.orders.push_back((order, entry));
-        self.is_out_of_date = true;
+        self.is_changed = true;
         self.interrupt_live();
         Ok(())
     }
@@ -260,16 +260,20 @@ impl EstimateQueue {
         let before = self.orders.len();
         self.orders.retain(|(_, entry)| entry.number() != number);
         if self.orders.len() < before {
-            self.is_out_of_date = true;
+            self.is_changed = true;
         } else if self.estimates.running.as_ref().is_some_and(|running| running.number == number) {
             self.cancel();
         }
     }
 
+    fn is_out_of_date(&self) -> bool {
+        self.is_changed && self.folder.is_some()
+    }
+
     /// The waiting orders, where their file is out of date. It counts as written from then on.
     pub fn take_out_of_date(&mut self) -> Option<(EstimateFolder, Vec<EstimateOrder>)> {
-        let folder = self.folder.clone().filter(|_| self.is_out_of_date)?;
-        self.is_out_of_date = false;
+        let folder = self.folder.clone().filter(|_| self.is_out_of_date())?;
+        self.is_changed = false;
         Some((folder, self.orders.iter().map(|(order, _)| order.clone()).collect()))
     }
 
@@ -357,13 +361,13 @@ impl Queue for EstimateQueue {
 
     fn next(&mut self, cancel: &CancelToken) -> Option<EstimateTask> {
         if self.is_closed {
-            return None;
+            return self.is_out_of_date().then_some(EstimateTask::WriteWaiting);
         }
         if let Some(folder) = self.folder_to_read.take() {
             return Some(EstimateTask::Read(folder));
         }
         if let Some((order, entry)) = self.orders.pop_front() {
-            self.is_out_of_date = true;
+            self.is_changed = true;
             self.running = Some(Running::Order(cancel.clone()));
             self.estimates.running = Some(RunningEstimate {
                 number: entry.number(),
@@ -375,7 +379,7 @@ impl Queue for EstimateQueue {
             entry.begin();
             return Some(EstimateTask::Order(Box::new(order), entry));
         }
-        if self.is_out_of_date && self.folder.is_some() {
+        if self.is_out_of_date() {
             return Some(EstimateTask::WriteWaiting);
         }
         if !self.is_live || self.is_held {

@@ -1,12 +1,13 @@
 //! Optimizer runs of a design: their states in files, their scores, and the thread that runs them for the window.
 
+mod computation;
 mod design_run;
 pub(crate) mod record;
 mod run;
 mod run_thread;
 mod score;
+mod slot;
 mod store;
-mod worker;
 
 pub use design_run::{DesignRun, RankedStart, RunBounds, RunStatus, Start};
 pub(super) use record::segment_lengths;

@@ -1,53 +1,49 @@
 //! Thread of the optimizer runs of the window, which can be paused, stopped and resumed.
 
 use std::fs::File;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex};
+use std::sync::{Arc, Mutex};
 
 use crate::design::{IdealOptimizer, IdealSettings, merged_result};
 use crate::evaluation::EvaluationError;
 use crate::optics::{Encoder, LensletArray};
-use crate::workbench::background::activity::{Activities, ActivityKind};
-use crate::workbench::background::threads::{Threads, Wake, lock};
+use crate::workbench::background::activity::Activities;
+use crate::workbench::background::mailbox::{Computation, MailboxThread, ThreadSettings};
+use crate::workbench::background::threads::{Threads, Wake, Work, lock};
+use crate::workbench::runs::computation::compute;
 use crate::workbench::runs::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use crate::workbench::runs::run::start_of;
+use crate::workbench::runs::slot::{RunSlot, RunWork};
 use crate::workbench::runs::store::{RunQueue, RunStore};
-use crate::workbench::runs::worker::Shared;
 
 /// Message where nothing can be compared.
 const NO_RESULT: &str = "there is no result to compare yet";
-/// Message where no run can be started.
-const BUSY: &str = "a run is active; stop it first";
 
-/// Handle of the thread; dropping it cancels the run at its next step.
+/// Handle of the thread; dropping it cancels the run and waits for its last step.
 pub(in crate::workbench) struct RunThread {
-    shared: Arc<Shared>,
+    thread: MailboxThread<RunSlot>,
     /// Held so that no other program keeps its runs in the same folder.
     lock: Mutex<Option<File>>,
 }
 
 impl RunThread {
-    pub fn new(wake: Wake, threads: Threads, activities: Activities) -> Self {
-        Self {
-            shared: Arc::new(Shared {
-                run: Mutex::default(),
-                states: Mutex::default(),
-                saved: Mutex::default(),
-                starts: Mutex::default(),
-                paused: Mutex::default(),
-                resumed: Condvar::new(),
-                stopped: AtomicBool::new(false),
-                cancelled: AtomicBool::new(false),
-                folder: Mutex::default(),
-                order: Mutex::default(),
-                persistence_failure: Mutex::default(),
-                threads,
-                activities,
-                entry: Mutex::default(),
-                wake,
-            }),
-            lock: Mutex::default(),
-        }
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn start_thread(wake: Wake, threads: Threads, activities: Activities) -> std::io::Result<Self> {
+        Self::with_computation(wake, threads, activities, || compute)
+    }
+
+    /// Starts the thread with another computation.
+    fn with_computation<C: Computation<RunSlot>>(
+        wake: Wake,
+        threads: Threads,
+        activities: Activities,
+        make: impl Fn() -> C + Send + 'static,
+    ) -> std::io::Result<Self> {
+        let settings = ThreadSettings { name: "lenslet-designer", work: Work::Run, threads, wake };
+        let thread = MailboxThread::start(settings, RunSlot::new(activities), make)?;
+        Ok(Self { thread, lock: Mutex::default() })
     }
 
     /// Saves the states of runs in a folder, and loads the run that is there.
@@ -73,41 +69,37 @@ impl RunThread {
                 run.sync(&state);
                 run.seconds = state.seconds();
             }
-            *lock(&self.shared.states) = states;
-            *lock(&self.shared.starts) = starts;
-            *lock(&self.shared.saved) = saved;
-            *lock(&self.shared.run) = Some(run);
+            self.thread.change(|slot| {
+                (slot.states, slot.starts, slot.saved, slot.run) = (states, starts, saved, Some(run));
+            });
         }
-        *lock(&self.shared.folder) = Some(folder);
+        self.thread.change(|slot| slot.folder = Some(folder));
         Ok(())
     }
 
     /// Whether the run is saved, so that the next session can load it.
     pub fn keeps(&self) -> bool {
-        lock(&self.shared.folder).is_some() && self.persistence_failure().is_none()
+        self.thread.look(|slot| slot.folder.is_some() && slot.persistence_failure.is_none())
     }
 
     /// Why the last state or queue could not be written.
     pub fn persistence_failure(&self) -> Option<String> {
-        lock(&self.shared.persistence_failure).clone()
+        self.thread.look(|slot| slot.persistence_failure.clone())
     }
 
     /// Notes that a mask of the run was saved in a design file.
     pub fn note_saved(&self, mask: &LensletArray) {
-        *lock(&self.shared.saved) = Some(mask.clone());
-        let shared = Arc::clone(&self.shared);
-        // The window does not wait for it. Where there is no thread the mask is asked about once more.
-        let _ = std::thread::Builder::new().name("lenslet-order".into()).spawn(move || shared.keep_order());
+        self.thread.change(|slot| slot.note_saved(mask.clone()));
     }
 
     /// The last mask of the run that was saved in a design file.
     pub fn saved(&self) -> Option<LensletArray> {
-        lock(&self.shared.saved).clone()
+        self.thread.look(|slot| slot.saved.clone())
     }
 
     /// The present or last run.
     pub fn run(&self) -> Option<DesignRun> {
-        lock(&self.shared.run).clone()
+        self.thread.look(|slot| slot.run.clone())
     }
 
     /// Starts a run from each of `starts`, one after the other; each result is scored.
@@ -119,15 +111,13 @@ impl RunThread {
         let array = start_of(&first.design).map_err(|error| error.to_string())?;
         settings.check(array).map_err(|error| error.to_string())?;
         let run = DesignRun::new(&first.design, settings, starts.len());
-        if self.is_active() {
-            return Err(BUSY.into());
-        }
-        if let Some(folder) = &*lock(&self.shared.folder) {
+        self.thread.look(RunSlot::check_idle)?;
+        if let Some(folder) = self.thread.look(|slot| slot.folder.clone()) {
             folder.remove();
         }
-        *lock(&self.shared.states) = vec![None; starts.len()];
-        *lock(&self.shared.saved) = None;
-        *lock(&self.shared.starts) = starts;
+        self.thread.change(|slot| {
+            (slot.states, slot.saved, slot.starts) = (vec![None; starts.len()], None, starts);
+        });
         self.run_on(run)
     }
 
@@ -158,11 +148,7 @@ impl RunThread {
         };
         let before = std::mem::replace(&mut run.status, RunStatus::Running);
         (run.comparison_failure, run.is_scoring, run.doing) = (None, true, Some(("Comparing masks".into(), 0.0)));
-        self.spawn(run, "Compare the result".into(), move |shared| shared.compute_comparison(&record, before))
-    }
-
-    fn is_active(&self) -> bool {
-        lock(&self.shared.run).as_ref().is_some_and(DesignRun::is_active)
+        self.begin(run, "Compare the result".into(), RunWork::Compare { record, before })
     }
 
     /// Runs the current start and those after it.
@@ -170,92 +156,43 @@ impl RunThread {
         let settings = run.settings.clone();
         let starts = run.start_number.1;
         let from = if starts > 1 { format!("{starts} starts") } else { run.start.encoder.describe() };
-        self.spawn(run, format!("Optimize {from}"), move |shared| shared.compute(&settings))
+        self.begin(run, format!("Optimize {from}"), RunWork::Optimize(settings))
     }
 
-    /// Starts the thread for one piece of work on the run.
-    fn spawn(&self, run: DesignRun, name: String, work: impl FnOnce(&Shared) + Send + 'static) -> Result<(), String> {
-        if self.is_active() {
-            return Err(BUSY.into());
-        }
-        let entry = self.shared.activities.add(ActivityKind::Run, name);
-        entry.begin();
-        *lock(&self.shared.entry) = Some(entry);
-        *lock(&self.shared.run) = Some(run);
-        self.shared.stopped.store(false, Ordering::Relaxed);
-        self.shared.cancelled.store(false, Ordering::Relaxed);
-        *lock(&self.shared.paused) = false;
-        let shared = Arc::clone(&self.shared);
-        let spawned = std::thread::Builder::new().name("lenslet-designer".into()).spawn(move || work(&shared));
-        spawned.map(|_| ()).map_err(|error| {
-            let sentence = format!("no thread for the run: {error}");
-            self.shared.change(|run| run.status = RunStatus::Failed(sentence.clone()));
-            if let Some(entry) = lock(&self.shared.entry).take() {
-                entry.end(Err(sentence.clone()));
-            }
-            sentence
-        })
+    fn begin(&self, run: DesignRun, name: String, work: RunWork) -> Result<(), String> {
+        self.thread.publish(|slot| slot.begin(run, name, work))
     }
 
     /// Pauses or resumes the run.
     pub fn pause(&self, pause: bool) {
-        *lock(&self.shared.paused) = pause;
-        self.shared.resumed.notify_all();
-        let status = if pause { RunStatus::Paused } else { RunStatus::Running };
-        self.shared.change(|run| {
-            if run.is_active() {
-                run.status = status;
-            }
-        });
-        if let Some(entry) = &*lock(&self.shared.entry) {
-            entry.pause(pause);
-        }
+        self.thread.publish(|slot| slot.pause(pause));
     }
 
     /// Stops the run at its next step and scores the mask of its newest checkpoint; stops a score or comparison that is under way. The
     /// run can be resumed later.
     pub fn stop(&self) {
-        let is_optimizing = self.run().is_some_and(|run| !run.is_scoring);
-        self.shared.stopped.store(true, Ordering::Relaxed);
-        self.end_pause(!is_optimizing);
-    }
-
-    /// Stops the run at its next step without a score.
-    pub fn cancel(&self) {
-        self.shared.stopped.store(true, Ordering::Relaxed);
-        self.end_pause(true);
-    }
-
-    fn end_pause(&self, cancel: bool) {
-        if cancel {
-            self.shared.cancelled.store(true, Ordering::Relaxed);
-        }
-        *lock(&self.shared.paused) = false;
-        self.shared.resumed.notify_all();
-    }
-}
-
-impl Drop for RunThread {
-    fn drop(&mut self) {
-        self.cancel();
+        self.thread.change(RunSlot::stop);
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::{Duration, Instant};
+    use std::sync::mpsc::{Receiver, Sender, channel};
 
     use super::*;
     use crate::design::{Objective, Preset};
     use crate::evaluation::{DensityModel, EstimateRequest, estimate};
     use crate::forward::Design;
-    use crate::information::FitLength;
+    use crate::information::{FitLength, InformationError};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
     use crate::progress::CancelToken;
+    use crate::workbench::background::activity::ActivityState;
+    use crate::workbench::background::mailbox::Mailbox;
     use crate::workbench::estimate_command;
+    use crate::workbench::runs::computation::proceed;
     use crate::workbench::runs::design_run::{BRACKET_STEPS, LIVE_STEPS, score_request};
-    use crate::workbench::runs::run::run_ideal;
+    use crate::workbench::runs::slot::{RunAnswer, RunTask};
 
     #[test]
     fn scores_are_reproducible_by_a_command() {
@@ -269,57 +206,148 @@ mod tests {
         }
     }
 
-    fn designer(kept: &RunStore) -> RunThread {
-        let designer = RunThread::new(Arc::new(|| ()), Threads::default(), Activities::default());
-        designer.keep_in(kept.clone()).unwrap();
-        designer
+    /// A thread whose news can be waited for.
+    struct Fixture {
+        thread: RunThread,
+        activities: Activities,
+        news: Receiver<()>,
     }
 
-    /// The run once it is as wanted, or after five minutes.
-    fn wait(designer: &RunThread, done: &dyn Fn(&DesignRun) -> bool) -> DesignRun {
-        let deadline = Instant::now() + Duration::from_mins(5);
-        while !designer.run().is_some_and(|run| done(&run)) && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_millis(2));
+    impl Fixture {
+        fn new<C: Computation<RunSlot>>(make: impl Fn() -> C + Send + 'static) -> Self {
+            let (wake, news) = channel();
+            let wake = Mutex::new(wake);
+            let wake: Wake = Arc::new(move || lock(&wake).send(()).unwrap_or_default());
+            let activities = Activities::default();
+            let thread = RunThread::with_computation(wake, Threads::default(), activities.clone(), make).unwrap();
+            Self { thread, activities, news }
         }
-        designer.run().unwrap()
+
+        fn real(kept: Option<&RunStore>) -> Self {
+            let fixture = Self::new(|| compute);
+            if let Some(kept) = kept {
+                fixture.thread.keep_in(kept.clone()).unwrap();
+            }
+            fixture
+        }
+
+        fn run(&self) -> DesignRun {
+            self.thread.run().unwrap()
+        }
+
+        /// Waits until the run is as wanted.
+        fn wait(&self, done: impl Fn(&DesignRun) -> bool) -> DesignRun {
+            while !done(&self.run()) {
+                self.news.recv().unwrap();
+            }
+            self.run()
+        }
+
+        /// Stops the optimizer, and then the score of what there is.
+        fn stop(&self) -> DesignRun {
+            self.thread.stop();
+            let scoring = self.wait(|run| run.is_scoring || !run.is_active());
+            assert!(scoring.is_scoring && scoring.status == RunStatus::Running, "{:?}", scoring.status);
+            self.thread.stop();
+            self.wait(|run| !run.is_active())
+        }
+
+        fn activity(&self) -> ActivityState {
+            self.activities.all().last().unwrap().state.clone()
+        }
+    }
+
+    /// A computation that takes one step per message, and one that panics for the message 0.
+    struct Stepping {
+        fixture: Fixture,
+        steps: Sender<usize>,
+    }
+
+    fn stepping() -> Stepping {
+        let (steps, requested) = channel();
+        let requested = Arc::new(Mutex::new(requested));
+        let fixture = Fixture::new(move || {
+            let requested: Arc<Mutex<Receiver<usize>>> = Arc::clone(&requested);
+            move |task: &RunTask, cancel: &CancelToken, mailbox: &Mailbox<RunSlot>| {
+                let RunTask::Work { stop, .. } = task else { return compute(task, cancel, mailbox) };
+                while let Ok(step) = lock(&requested).recv() {
+                    assert!(step > 0, "no light");
+                    mailbox.publish(|slot| slot.run.as_mut().unwrap().doing = Some(("waiting".into(), step as f64)));
+                    if proceed(mailbox, stop).is_break() {
+                        return RunAnswer::Optimized(Err(InformationError::Cancelled.into()));
+                    }
+                    mailbox.publish(|slot| slot.run.as_mut().unwrap().step = step);
+                }
+                RunAnswer::Optimized(Ok(()))
+            }
+        });
+        let start = Start::random(&Design::default(), 3, 1);
+        fixture.thread.start(vec![start], IdealSettings::new(Preset::Default, Objective::Density, 1)).unwrap();
+        Stepping { fixture, steps }
+    }
+
+    /// Whether a step of the fake computation was begun.
+    fn begun(step: usize) -> impl Fn(&DesignRun) -> bool {
+        move |run| run.doing.as_ref().is_some_and(|(_, share)| *share == step as f64)
     }
 
     #[test]
-    fn paused_run_ends_as_one_without_a_pause() {
-        let start = Start::random(&Design::default(), 3, 1);
-        let settings = IdealSettings {
-            patch: Some((6, 6)),
-            steps: 8,
-            refit_every: 2,
-            first_fit: 30,
-            refit: 20,
-            last_fit: 30,
-            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
-        };
-        let never = CancelToken::new();
-        let (mut reading, mut progress) = (never.clone(), never);
-        let whole = run_ideal(&start.design, &settings, None, &mut reading, &mut |_| Ok(()), &mut progress).unwrap();
+    fn paused_run_takes_no_step_until_it_is_resumed() {
+        let Stepping { fixture, steps } = stepping();
+        steps.send(1).unwrap();
+        fixture.wait(|run| run.step == 1);
+        fixture.thread.pause(true);
+        assert_eq!((fixture.run().status, fixture.activity()), (RunStatus::Paused, ActivityState::Paused));
+        steps.send(2).unwrap();
+        assert_eq!(fixture.wait(begun(2)).step, 1);
+        assert!(fixture.thread.extend(1).unwrap_err().contains("stop it first"));
+        fixture.thread.pause(false);
+        assert_eq!(fixture.wait(|run| run.step == 2).status, RunStatus::Running);
+        drop(steps);
+        assert_eq!(fixture.wait(|run| !run.is_active()).status, RunStatus::Finished);
+    }
 
-        let designer = RunThread::new(Arc::new(|| ()), Threads::default(), Activities::default());
-        designer.start(vec![start], settings).unwrap();
-        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| wait(&designer, done);
-        for step in [1, 4] {
-            wait_for(&|run| run.step >= step);
-            designer.pause(true);
-            let before = wait_for(&|run| run.status == RunStatus::Paused).step;
-            std::thread::sleep(Duration::from_millis(100));
-            let after = designer.run().unwrap();
-            assert!(after.step <= before + 1 && after.status == RunStatus::Paused, "{} {before}", after.step);
-            designer.pause(false);
-        }
-        let run = wait_for(&|run| run.record.as_ref().is_some_and(|record| record.finished));
-        designer.cancel();
-        let record = run.record.unwrap();
-        assert_eq!((&record.result, record.checkpoints.len()), (&whole.result, whole.checkpoints.len()));
-        for (one, other) in record.checkpoints.iter().zip(&whole.checkpoints) {
-            assert_eq!((one.step, &one.array, one.bits_per_pixel), (other.step, &other.array, other.bits_per_pixel));
-        }
-        wait_for(&|run| !run.is_active());
+    #[test]
+    fn mask_that_is_saved_during_a_pause_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let kept = RunStore::in_folder(folder.path()).unwrap();
+        let Stepping { fixture, steps } = stepping();
+        fixture.thread.keep_in(kept.clone()).unwrap();
+        fixture.thread.pause(true);
+        steps.send(1).unwrap();
+        fixture.wait(begun(1));
+        let mask = random_layout(3, 9);
+        fixture.thread.note_saved(&mask);
+        let is_written = || kept.last().is_some_and(|(queue, _)| queue.saved.as_ref() == Some(&mask));
+        assert_eq!(fixture.wait(|_| is_written()).status, RunStatus::Paused);
+    }
+
+    #[test]
+    fn stop_ends_pause_and_run_and_panic_fails_it() {
+        let Stepping { fixture, steps } = stepping();
+        fixture.thread.pause(true);
+        steps.send(1).unwrap();
+        fixture.wait(begun(1));
+        fixture.thread.stop();
+        let stopped = fixture.wait(|run| !run.is_active());
+        assert_eq!((stopped.step, stopped.status), (0, RunStatus::Stopped));
+        assert_eq!(fixture.activity(), ActivityState::Stopped);
+        fixture.thread.extend(1).unwrap();
+        steps.send(0).unwrap();
+        let message = "an internal error stopped this run: no light".to_owned();
+        assert_eq!(fixture.wait(|run| !run.is_active()).status, RunStatus::Failed(message.clone()));
+        assert_eq!(fixture.activity(), ActivityState::Failed(message));
+    }
+
+    #[test]
+    fn drop_ends_a_paused_run() {
+        let Stepping { fixture, steps } = stepping();
+        fixture.thread.pause(true);
+        steps.send(1).unwrap();
+        fixture.wait(begun(1));
+        let activities = fixture.activities.clone();
+        drop(fixture);
+        assert_eq!(activities.all()[0].state, ActivityState::Stopped);
     }
 
     #[test]
@@ -333,22 +361,15 @@ mod tests {
             refit: 4,
             ..IdealSettings::new(Preset::Default, Objective::Density, 1)
         };
-        let thread = RunThread::new(Arc::new(|| ()), Threads::default(), Activities::default());
-        thread.start(vec![start], settings).unwrap();
-        let wait_for = |done: &dyn Fn(&DesignRun) -> bool| wait(&thread, done);
-        wait_for(&|run| run.checkpoints.len() > 3);
-        thread.stop();
-        let scoring = wait_for(&|run| run.is_scoring || !run.is_active());
-        assert!(scoring.is_scoring && scoring.status == RunStatus::Running, "{:?}", scoring.status);
-        thread.stop();
-        let stopped = wait_for(&|run| !run.is_active());
+        let fixture = Fixture::real(None);
+        fixture.thread.start(vec![start], settings).unwrap();
+        fixture.wait(|run| run.checkpoints.len() > 3);
+        let stopped = fixture.stop();
         assert_eq!((&stopped.status, stopped.settings.steps), (&RunStatus::Stopped, 4_000));
         assert!(stopped.can_resume());
-        thread.extend(1).unwrap();
-        let run = wait_for(&|run| run.step > stopped.step);
+        fixture.thread.extend(1).unwrap();
+        let run = fixture.wait(|run| run.step > stopped.step);
         assert_eq!((run.settings.steps, &run.status), (4_000, &RunStatus::Running));
-        thread.cancel();
-        assert_eq!(wait_for(&|run| !run.is_active()).status, RunStatus::Stopped);
     }
 
     #[test]
@@ -372,29 +393,22 @@ mod tests {
         // It ended when the first had been scored and the second had not begun.
         let order = RunQueue { ranked: ranked.clone(), ..RunQueue::new(starts, settings) };
         kept.note(&order).unwrap();
-        let designer = self::designer(&kept);
-        let run = designer.run().unwrap();
+        let designer = Fixture::real(Some(&kept));
+        let run = designer.run();
         assert_eq!((run.start_number, run.step, &run.status), ((2, 3), 0, &RunStatus::Stopped));
         assert!(run.can_resume());
         assert_eq!(run.start.encoder, Encoder::Lenslets(random_layout(3, 2)));
 
         // It continues with the second start, and ends in the middle of it.
-        designer.extend(1).unwrap();
-        let deadline = Instant::now() + Duration::from_mins(5);
-        while kept.load(1).unwrap().is_none() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        designer.cancel();
-        while designer.is_active() && Instant::now() < deadline {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        let before = designer.run().unwrap();
+        designer.thread.extend(1).unwrap();
+        designer.wait(|_| kept.load(1).unwrap().is_some());
+        let before = designer.stop();
         // Nobody else keeps runs in the folder meanwhile.
-        let other = RunThread::new(Arc::new(|| ()), Threads::default(), Activities::default());
-        assert!(other.keep_in(kept.clone()).is_err() && !other.keeps());
+        let other = Fixture::real(None);
+        assert!(other.thread.keep_in(kept.clone()).is_err() && !other.thread.keeps());
         drop(designer);
-        let designer = self::designer(&kept);
-        let left = designer.run().unwrap();
+        let designer = Fixture::real(Some(&kept));
+        let left = designer.run();
         assert_eq!((left.start_number, &left.status), ((2, 3), &RunStatus::Stopped));
         assert!((1..=before.step).contains(&left.step), "{} {}", left.step, before.step);
         assert_eq!(left.settings, run.settings, "what was stopped takes no more steps than it was to take");
@@ -405,6 +419,6 @@ mod tests {
         // A run that was given up is not restored.
         drop(designer);
         kept.remove();
-        assert!(self::designer(&kept).run().is_none());
+        assert!(Fixture::real(Some(&kept)).thread.run().is_none());
     }
 }
