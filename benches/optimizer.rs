@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::design::{GradientDraw, IdealOptimizer, IdealSettings, Objective, Preset};
 use lenslet_studio::forward::ForwardModel;
+use lenslet_studio::information::SampleRange;
 use lenslet_studio::information::{
     CausalFit, Decoder, DecoderFit, DecoderKind, DecoderRefit, FitContext, FitLength, FrozenDensity,
     bead_response_gradient,
@@ -135,7 +136,8 @@ fn up_the_posterior(criterion: &mut Criterion) {
         let at_once = (scenes / settings.substeps).max(2);
         bencher.iter(|| {
             for first in (0..scenes).step_by(at_once) {
-                bead_response_gradient(&channel, decoder, (1, first, at_once)).expect("a slope");
+                bead_response_gradient(&channel, decoder, SampleRange { seed: 1, first, count: at_once })
+                    .expect("a slope");
             }
         });
     });

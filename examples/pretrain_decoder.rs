@@ -5,7 +5,9 @@
 
 mod training_data;
 
-use lenslet_studio::information::{Decoder, DecoderFit, DecoderPretrainProgress, DecoderPretrainStep};
+use lenslet_studio::information::{
+    Decoder, DecoderFit, DecoderPretrainProgress, DecoderPretrainStep, DecoderPretraining,
+};
 use training_data::{Arguments, WeightsFile, training_channel};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -23,6 +25,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let status = format!("{steps} steps, {channels} channels, information gain {bits:.4} bits per pixel");
         file.update(&status, &|| step.decoder().to_bytes())
     };
-    let fitted = decoder.fit_generally(&|number| training_channel(seed, number), (budget, seed, rate), on_step);
+    let settings = DecoderPretraining { length: budget, seed, rate };
+    let fitted = decoder.fit_generally(&|number| training_channel(seed, number), settings, on_step);
     file.finish(fitted, decoder.to_bytes())
 }

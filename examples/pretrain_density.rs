@@ -18,6 +18,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let PretrainProgress { steps, scenes, bits, .. } = step.progress;
         file.update(&format!("{steps} steps, {scenes} scenes, {bits:.4} bits per pixel"), &|| step.weights().to_bytes())
     };
-    let fitted = weights.fit(&|number| training_scene(seed, number), (budget, seed), on_step);
+    let fitted = weights.fit(&|number| training_scene(seed, number), budget, seed, on_step);
     file.finish(fitted, weights.to_bytes())
 }

@@ -9,7 +9,7 @@ use lenslet_studio::information::{
     LowerBound, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information, decoder_lower_bound,
     paired_gain,
 };
-use lenslet_studio::information::{DecoderPretrainStep, DecoderProgress};
+use lenslet_studio::information::{DecoderPretrainStep, DecoderPretraining, DecoderProgress, DecoderTest, SceneDraw};
 use lenslet_studio::objects::{ObjectOptions, ObjectSet};
 use lenslet_studio::optics::{heuristic_layout, render_psf};
 use lenslet_studio::progress::CancelToken;
@@ -146,12 +146,12 @@ fn a_short_fit_undoes_nothing_that_a_decoder_knows() {
     let psf = render_psf(&heuristic_layout(9), 1).unwrap();
     let channel = forward.bead_channel(psf.view(), (32, 32)).unwrap();
     let shipped = Decoder::shipped().unwrap();
-    let told =
-        |decoder: &Decoder| decoder_information(decoder, &channel, (5, 256), 0..512, &mut CancelToken::new()).unwrap();
+    let draw = SceneDraw { scenes: 0..512, seed: 5, block: 256 };
+    let gains = |decoder: &Decoder| decoder_information(decoder, &channel, &draw, &mut CancelToken::new()).unwrap();
     let fitted = |rate: f64| {
         let fit = DecoderFit { rate, max_test: 1, ..DecoderFit::of_steps(120, DecoderKind::Autoregressive, 3) };
         let (_, decoder) = decoder_lower_bound(&channel, &fit, Some(shipped), None, &mut CancelToken::new()).unwrap();
-        paired_gain(&told(shipped), &told(&decoder))
+        paired_gain(&gains(shipped), &gains(&decoder))
     };
     let ((on, half_width), (anew, _)) = (fitted(DecoderFit::RATE_ON), fitted(DecoderFit::RATE));
     println!("{on} {half_width} {anew}");
@@ -226,21 +226,22 @@ fn the_decoder_of_the_program_bounds_at_once_what_it_was_never_fitted_to() {
         [(Noise::Shot, 10.0), (Noise::ShotRead { sigma: 3.0 }, 25.0), (Noise::Read { sigma: 5.0 }, 10.0)]
     {
         let channel = BeadChannel { spot: three_lenslets(), probability: 0.02, bias, noise, patch: (20, 24) };
-        let bound = PretrainedLowerBound::new(&channel, (512, 0.0), 4, &mut CancelToken::new()).unwrap().unwrap();
+        let test = DecoderTest { samples: 512, half_width: 0.0, seed: 4 };
+        let bound = PretrainedLowerBound::new(&channel, test, &mut CancelToken::new()).unwrap().unwrap();
         let ceiling = BeadEntropyBound::new(channel.probability).unwrap();
         let ceiling = ceiling.evaluate(channel.spot.view(), bias, channel.patch, noise).unwrap().bits_per_pixel;
         assert!(bound.interval_95[0] <= ceiling, "{noise}: {bound:?} {ceiling}");
         assert!(bound.bits_per_pixel > 0.6 * ceiling, "{noise}: {bound:?} {ceiling}");
         assert_eq!(bound.samples, 512);
         // Equal seeds give equal bits.
-        assert_eq!(Some(bound), PretrainedLowerBound::new(&channel, (512, 0.0), 4, &mut CancelToken::new()).unwrap());
+        assert_eq!(Some(bound), PretrainedLowerBound::new(&channel, test, &mut CancelToken::new()).unwrap());
     }
     let channel = toy(Noise::Shot);
     let (truth, error) = exact(&channel, 4000);
-    let bound = PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &mut CancelToken::new()).unwrap().unwrap();
+    let test = DecoderTest { samples: 2048, half_width: 0.0, seed: 5 };
+    let bound = PretrainedLowerBound::new(&channel, test, &mut CancelToken::new()).unwrap().unwrap();
     assert!(bound.interval_95[0] <= truth + 3.0 * error, "{bound:?} {truth}");
-    let stopped =
-        PretrainedLowerBound::new(&channel, (2048, 0.0), 5, &mut |_: &DecoderProgress| ControlFlow::Break(()));
+    let stopped = PretrainedLowerBound::new(&channel, test, &mut |_: &DecoderProgress| ControlFlow::Break(()));
     assert!(matches!(stopped, Err(InformationError::Cancelled)), "{stopped:?}");
 }
 
@@ -257,7 +258,7 @@ fn a_fit_to_many_channels_moves_all_weights_and_can_be_stopped() {
         assert_ne!(step.decoder().weights(), before.weights());
         if heard == 40 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let settings = (Duration::from_hours(1), 3, DecoderFit::RATE);
+    let settings = DecoderPretraining { length: Duration::from_hours(1), seed: 3, rate: DecoderFit::RATE };
     let outcome = decoder.fit_generally(&channel, settings, &mut on_step);
     assert!(matches!(outcome, Err(InformationError::Cancelled)));
     let broken = |_: u64| Ok(BeadChannel { probability: 2.0, ..toy(Noise::Shot) });
@@ -277,7 +278,9 @@ fn intervals_hold_the_bound_of_many_samples_as_often_as_they_say() {
     let followed = |samples, half_width, seed| AisSettings { samples, half_width, ..AisSettings::of_levels(16, seed) };
     let at_once = |samples, half_width, seed| {
         let bound =
-            PretrainedLowerBound::new(&channel, (samples, half_width), seed, &mut CancelToken::new()).unwrap().unwrap();
+            PretrainedLowerBound::new(&channel, DecoderTest { samples, half_width, seed }, &mut CancelToken::new())
+                .unwrap()
+                .unwrap();
         (bound.bits_per_pixel, bound.interval_95, bound.samples)
     };
     let told = |bound: AisBound| (bound.bits_per_pixel, bound.interval_95, bound.samples);

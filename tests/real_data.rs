@@ -55,7 +55,9 @@ fn measurements_keep_the_photons_of_their_objects() {
     for (name, source) in SETS {
         let Some(design) = design(source, 4) else { return };
         let forward = ForwardModel::open(&design).unwrap();
-        let written = measure_into(folder.path(), &design, &forward, 150, MeasurementFormat::Npy, &mut |_| {}).unwrap();
+        let written =
+            measure_into(folder.path(), &design, &forward, 150, MeasurementFormat::Npy, &mut CancelToken::new())
+                .unwrap();
         assert_eq!(written.object_shape, [150, 96, 96]);
         assert_eq!(written.measurement_shape, [150, 65, 65]);
         let read = |name: &str| read_stack(&folder.path().join(name)).unwrap().into_array().mapv(f64::from);

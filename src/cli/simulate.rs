@@ -1,5 +1,6 @@
 //! `simulate`: stacks of objects and of their simulated measurements.
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -74,8 +75,9 @@ impl Arguments {
             output::report(format_args!("{}: {understood}", design.objects));
         }
         let progress_line = ProgressLine::new();
-        let stacks = measure_into(&self.out, &design, &forward, self.count, format, &mut |done| {
-            progress_line.show(done, self.count, "Simulating");
+        let stacks = measure_into(&self.out, &design, &forward, self.count, format, &mut |done: &usize| {
+            progress_line.show(*done, self.count, "Simulating");
+            ControlFlow::Continue(())
         })?;
         progress_line.finish();
         let set = &forward.set;

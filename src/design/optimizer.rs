@@ -19,7 +19,9 @@ use super::settings::{IdealSettings, Objective};
 use super::state::{Checkpoint, IdealEvent, IdealProgress, IdealState, Phase};
 use crate::formats::{content_key, json_of};
 use crate::forward::ForwardModel;
-use crate::information::{CausalModel, DecoderProgress, InformationError, NUMBERS_VERSION, PretrainedLowerBound};
+use crate::information::{
+    CausalModel, DecoderProgress, DecoderTest, InformationError, NUMBERS_VERSION, PretrainedLowerBound,
+};
 use crate::nn::read_detail;
 use crate::objects::Split;
 use crate::optics::{LensletArray, Limits, Spot, render_psf};
@@ -353,7 +355,8 @@ impl<'a> IdealOptimizer<'a> {
         let Some(channel) = self.forward.bead_channel(psf.view(), self.patch) else { return Ok(None) };
         let seed = SeedStream::RunLowerBound.derive(self.settings.seed);
         let progress = &mut |_: &DecoderProgress| observer.notify(&self.state, Some((Phase::Measuring, 1.0)));
-        Ok(PretrainedLowerBound::new(&channel, (LOWER_SAMPLES, 0.0), seed, progress)?)
+        let test = DecoderTest { samples: LOWER_SAMPLES, half_width: 0.0, seed };
+        Ok(PretrainedLowerBound::new(&channel, test, progress)?)
     }
 }
 

@@ -7,12 +7,12 @@ use crate::evaluation::progress::{EstimateProgress, converting};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
-use crate::information::DecoderProgress;
 use crate::information::{
     AisBound, AisSettings, BeadBounds, BeadChannel, BoundMethod, Decoder, DecoderFit, DecoderKind, Estimate, FitLength,
     InformationError, NamedBound, PretrainedLowerBound, Protocol, ais_lower_bound, ais_upper_bound,
     decoder_lower_bound,
 };
+use crate::information::{DecoderProgress, DecoderTest};
 use crate::objects::ObjectSet;
 use crate::progress::{CancelToken, Progress};
 use crate::seeds::SeedStream;
@@ -75,7 +75,8 @@ fn immediate_bound(
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let step = EstimateProgress::of_step("Bounding from below", 0, 1);
     let progress = &mut |_: &DecoderProgress| progress.report(&step);
-    let bound = PretrainedLowerBound::new(channel, (scenes, NARROW), SeedStream::Decoder.derive(seed), progress)?;
+    let test = DecoderTest { samples: scenes, half_width: NARROW, seed: SeedStream::Decoder.derive(seed) };
+    let bound = PretrainedLowerBound::new(channel, test, progress)?;
     Ok(bound.map(|PretrainedLowerBound { bits_per_pixel, interval_95, .. }| NamedBound {
         from: BoundMethod::PretrainedDecoder,
         bits_per_pixel,

@@ -68,7 +68,8 @@ const REFUSED: &str = "refused";
 pub(in crate::information) fn fit_to_bytes(
     key: &str,
     numbers: &FitArrays<'_>,
-    (steps, refused): (usize, usize),
+    steps: usize,
+    refused: usize,
     mut details: Vec<(&str, String)>,
 ) -> Result<Vec<u8>, InformationError> {
     let state = numbers.optimizer.state();

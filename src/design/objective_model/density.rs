@@ -148,7 +148,7 @@ impl ObjectiveModel for DensityModel {
     ) -> Result<bool, IdealError> {
         let psf = render_psf(array, self.forward.set.planes())?;
         let stream = self.training_stream(psf.view())?;
-        let refit = self.refit.get_or_insert_with(|| CausalRefit::new((all, seed), self.model.clone()));
+        let refit = self.refit.get_or_insert_with(|| CausalRefit::new(all, seed, self.model.clone()));
         refit.advance_to(steps, &stream, progress)?;
         self.model = refit.model();
         Ok(true)

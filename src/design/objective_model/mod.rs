@@ -7,7 +7,7 @@ mod posterior;
 
 pub(super) use density::DensityModel;
 pub(super) use pixelcnn::PixelCnnModel;
-pub(super) use posterior::{BLOCK, PosteriorModel, SceneDraw, lower_bound};
+pub(super) use posterior::{BLOCK, PosteriorModel, lower_bound};
 
 use super::error::IdealError;
 use super::gradient::GradientDraw;

@@ -9,8 +9,8 @@ use crate::design::error::IdealError;
 use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
 use crate::information::{
-    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, PretrainedLowerBound, bead_response_gradient,
-    decoder_information,
+    BeadChannel, Decoder, DecoderFit, DecoderKind, DecoderRefit, PretrainedLowerBound, SampleRange, SceneDraw,
+    bead_response_gradient, decoder_information,
 };
 use crate::optics::{LensletArray, LensletGradient, psf_gradient, render_psf};
 use crate::progress::{CancelToken, Progress};
@@ -117,19 +117,8 @@ impl PosteriorModel<'_> {
         progress: &mut dyn Progress<usize>,
     ) -> Result<Vec<f64>, IdealError> {
         let channel = channel(self.forward, array, self.patch)?;
-        Ok(decoder_information(&self.decoder, &channel, (draw.seed, draw.block), draw.scenes.clone(), progress)?)
+        Ok(decoder_information(&self.decoder, &channel, draw, progress)?)
     }
-}
-
-/// Scenes that a decoder is evaluated on.
-#[derive(Clone, Debug)]
-pub(in crate::design) struct SceneDraw {
-    /// Indices among the scenes of the seed.
-    pub scenes: Range<usize>,
-    /// Seed of the scenes.
-    pub seed: u64,
-    /// Scenes of one block.
-    pub block: usize,
 }
 
 /// Lower bound by the information gain of all held-out scenes, bits.
@@ -206,7 +195,11 @@ impl ForwardModel {
         decoder: &Decoder,
     ) -> Result<Vec<LensletGradient>, IdealError> {
         let bead = &self.set.bead_prior().ok_or_else(no_prior)?.spot;
-        let by_response = bead_response_gradient(&channel(self, array, patch)?, decoder, (seed, 0, patches))?;
+        let by_response = bead_response_gradient(
+            &channel(self, array, patch)?,
+            decoder,
+            SampleRange { seed, first: 0, count: patches },
+        )?;
         Ok(psf_gradient(array, by_psf(by_response.view(), bead).view())?)
     }
 }

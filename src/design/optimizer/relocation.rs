@@ -12,12 +12,12 @@ use rand_chacha::ChaCha8Rng;
 use super::IdealOptimizer;
 use crate::design::error::IdealError;
 use crate::design::merge::{close_pair, joined, merged};
-use crate::design::objective_model::{BLOCK, SceneDraw};
+use crate::design::objective_model::BLOCK;
 use crate::design::observer::RunObserver;
 use crate::design::projection::project;
 use crate::design::settings::IdealSettings;
 use crate::design::state::{IdealEvent, Phase};
-use crate::information::paired_gain;
+use crate::information::{SceneDraw, paired_gain};
 use crate::optics::{Lenslet, LensletArray, Limits};
 use crate::seeds::SeedStream;
 

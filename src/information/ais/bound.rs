@@ -17,7 +17,7 @@ use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::pass::Pass;
 use crate::information::decoder::problem::Problem;
-use crate::information::decoder::samples::{Purpose, Reveal, Sample};
+use crate::information::decoder::samples::{Purpose, Reveal, Sample, SampleId};
 use crate::information::entropy::likelihood::log_likelihood;
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::FitCheckpoint;
@@ -163,7 +163,7 @@ pub fn ais_upper_bound(
     progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
     let bounding = BeadChannel { noise: channel.noise.bounding(), ..channel.clone() };
-    bound(&bounding, fit, (decoder, Side::Above), keeper, progress)
+    bound(&bounding, fit, decoder, Side::Above, keeper, progress)
 }
 
 /// Lower bound on the information of a channel by reverse AIS. It holds for any decoder; a better decoder and more
@@ -179,7 +179,7 @@ pub fn ais_lower_bound(
     progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
     let fit = AisSettings { groups: 1, particles: 1, ..fit.clone() };
-    bound(channel, &fit, (decoder, Side::Below), keeper, progress)
+    bound(channel, &fit, decoder, Side::Below, keeper, progress)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -191,7 +191,8 @@ enum Side {
 fn bound(
     channel: &BeadChannel,
     fit: &AisSettings,
-    (decoder, side): (&Decoder, Side),
+    decoder: &Decoder,
+    side: Side,
     keeper: Option<&dyn FitCheckpoint>,
     progress: &mut (dyn Progress<AisProgress> + Send),
 ) -> Result<AisBound, InformationError> {
@@ -203,8 +204,14 @@ fn bound(
     };
     let time = Stopwatch::after(before);
     let problem = Problem::new(channel)?;
-    let known = (nats.len(), mean_and_half_width(&nats, 0.0, problem.pixels()).0);
-    let observer = AisObserver::new(progress, known, (fit.samples, fit.budget), time);
+    let restored = AisProgress {
+        samples: nats.len(),
+        most: fit.samples,
+        elapsed: before,
+        remaining: None,
+        bits_per_pixel: mean_and_half_width(&nats, 0.0, problem.pixels()).0,
+    };
+    let observer = AisObserver::new(progress, restored, fit.budget, time);
     let sampler = AisSampler::new(channel, &problem, fit, decoder, &observer)?;
     let levels = levels.unwrap_or_else(|| sampler.levels_within_budget(side, time));
     let mut kept = time.elapsed();
@@ -237,7 +244,7 @@ fn bound(
         if let Some(keeper) = keeper
             && elapsed >= kept + keeper.every()
         {
-            AisCheckpoint::keep(keeper, (levels, &nats), elapsed)?;
+            AisCheckpoint::keep(keeper, levels, &nats, elapsed)?;
             kept = elapsed;
         }
     }
@@ -312,8 +319,8 @@ impl<'a> AisSampler<'a> {
             |_| true,
             || Pass::new(self.problem, self.decoder.unrolled()),
             |pass| {
-                let draw = (self.fit.seed, Purpose::Posterior, index);
-                pass.sample.draw(self.problem, draw, |_| Reveal::Nothing, &mut pass.blur);
+                let sample = SampleId { seed: self.fit.seed, purpose: Purpose::Posterior, index };
+                pass.sample.draw(self.problem, sample, |_| Reveal::Nothing, &mut pass.blur);
                 work(pass)
             },
         )
@@ -324,7 +331,7 @@ impl<'a> AisSampler<'a> {
         let groups = self.fit.groups;
         let tasks = (samples.start * groups..samples.end * groups).into_par_iter().with_max_len(1);
         let parts: Vec<f64> =
-            tasks.map(|task| self.group_log_ratio(task / groups, task % groups, (levels, side))).collect();
+            tasks.map(|task| self.group_log_ratio(task / groups, task % groups, levels, side)).collect();
         let sums = parts.chunks(groups).zip(samples);
         sums.map(|(parts, sample)| parts.iter().sum::<f64>() - self.control_variate(sample)).collect()
     }
@@ -363,7 +370,7 @@ impl<'a> AisSampler<'a> {
     }
 
     /// `log p(y | x) - log p(y | x of the other groups)` of one group of a sample, nats; the second term by AIS.
-    fn group_log_ratio(&self, index: usize, group: usize, (levels, side): (usize, Side)) -> f64 {
+    fn group_log_ratio(&self, index: usize, group: usize, levels: usize, side: Side) -> f64 {
         let (problem, fit) = (self.problem, self.fit);
         let mut random = ChaCha8Rng::seed_from_u64(fit.seed);
         random.set_stream(CHAIN_STREAM + (index * (fit.groups + 1)) as u64);
@@ -378,12 +385,12 @@ impl<'a> AisSampler<'a> {
             for &site in &problem.decoded {
                 log_odds[site] = pass.claimed()[site];
             }
-            let limits = (prior, MOST_CERTAIN.max(prior.abs() + 2.0));
+            let limit = MOST_CERTAIN.max(prior.abs() + 2.0);
             let measured = Measurement::new(problem, &self.light, &pass.sample, |site| !in_group[site]);
             let beads = &pass.sample.beads;
             let occupied: Vec<usize> = (0..beads.len()).filter(|&site| beads[site] > 0.0 && in_group[site]).collect();
             let exact = self.exact(&pass.sample);
-            (InitialDistribution::new(&log_odds, in_group, limits), measured, occupied, exact)
+            (InitialDistribution::new(&log_odds, in_group, prior, limit), measured, occupied, exact)
         });
         let sites = initial.free.iter().filter(|&&free| free).count() as f64;
         let effort = SweepSize {

@@ -62,7 +62,7 @@ impl<'a> AisChain<'a> {
     }
 
     fn mcmc_sweep(&self, state: &mut State<'_>, level: usize, random: &mut ChaCha8Rng) {
-        mcmc_sweep(state, self.initial, self.steps, (self.beta(level), self.effort), self.light.grid, random);
+        mcmc_sweep(state, self.initial, self.steps, self.beta(level), self.effort, self.light.grid, random);
         if level.is_multiple_of(RECOMPUTE_EVERY) {
             state.refresh();
         }

@@ -37,7 +37,8 @@ impl AisCheckpoint {
     /// Writes the checkpoint.
     pub fn keep(
         keeper: &dyn FitCheckpoint,
-        (levels, nats): (usize, &[f64]),
+        levels: usize,
+        nats: &[f64],
         elapsed: Duration,
     ) -> Result<(), InformationError> {
         let followed = Self { key: keeper.key().to_owned(), levels, nats: nats.to_vec(), elapsed };

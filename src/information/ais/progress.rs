@@ -29,16 +29,13 @@ struct ObserverState<'a> {
 }
 
 impl<'a> AisObserver<'a> {
-    /// An observer of a bound that resumes with `samples` at `bits_per_pixel`, and ends at `most` samples or the
-    /// budget.
+    /// An observer of a bound that starts or resumes with this progress.
     pub fn new(
         receiver: &'a mut (dyn Progress<AisProgress> + Send),
-        (samples, bits_per_pixel): (usize, f64),
-        (most, budget): (usize, Option<Duration>),
+        progress: AisProgress,
+        budget: Option<Duration>,
         time: Stopwatch,
     ) -> Self {
-        let (elapsed, remaining) = (Duration::ZERO, None);
-        let progress = AisProgress { samples, most, elapsed, remaining, bits_per_pixel };
         Self {
             state: Mutex::new(ObserverState { receiver, progress, noted: time.elapsed(), at: Instant::now() }),
             cancel: CancelToken::new(),

@@ -76,7 +76,7 @@ pub(super) struct InitialDistribution {
 
 impl InitialDistribution {
     /// From the log odds of all sites, clamped to `limit` around 0.
-    pub fn new(log_odds: &[f32], free: Vec<bool>, (prior, limit): (f64, f64)) -> Self {
+    pub fn new(log_odds: &[f32], free: Vec<bool>, prior: f64, limit: f64) -> Self {
         let clamped = |(&odds, &free): (&f32, &bool)| {
             if free && !odds.is_nan() { f64::from(odds).clamp(-limit, limit) } else { prior }
         };
@@ -137,7 +137,8 @@ pub(super) fn mcmc_sweep(
     state: &mut State<'_>,
     initial: &InitialDistribution,
     steps: &Moves,
-    (beta, effort): (f64, SweepSize),
+    beta: f64,
+    effort: SweepSize,
     grid: (usize, usize),
     random: &mut ChaCha8Rng,
 ) {

@@ -15,7 +15,7 @@ use super::state::{Measurement, State};
 use crate::information::decoder::channel::BeadChannel;
 use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::problem::Problem;
-use crate::information::decoder::samples::{Purpose, Reveal, Sample};
+use crate::information::decoder::samples::{Purpose, Reveal, Sample, SampleId};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitCheckpoint, InMemory};
 use crate::progress::CancelToken;
@@ -31,7 +31,8 @@ fn toy(noise: Noise) -> BeadChannel {
 
 fn sample(problem: &Problem, index: usize) -> Sample {
     let mut sample = Sample::default();
-    sample.draw(problem, (3, Purpose::Posterior, index), |_| Reveal::Nothing, &mut problem.light.blur_workspace());
+    let id = SampleId { seed: 3, purpose: Purpose::Posterior, index };
+    sample.draw(problem, id, |_| Reveal::Nothing, &mut problem.light.blur_workspace());
     sample
 }
 
@@ -161,7 +162,7 @@ fn chains_are_unbiased_and_improve_with_more_temperatures() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
         // An initial distribution that is wrong at every site, within limits.
         let odds: Vec<f32> = (0..10).map(|site| [-1.5, 0.3, 1.1][site % 3]).collect();
-        let initial = InitialDistribution::new(&odds, vec![true; 10], (f64::from(problem.prior_logit()), 14.0));
+        let initial = InitialDistribution::new(&odds, vec![true; 10], f64::from(problem.prior_logit()), 14.0);
         let effort = SweepSize { flips: 4, shifts: 2 };
         let (light, measured, initial, steps) = (&light, &measured, &initial, &steps);
         let chain = |levels| AisChain { light, measured, initial, steps, effort, levels };
@@ -347,7 +348,7 @@ fn resumed_bound_keeps_its_number_of_temperatures() {
     let (channel, decoder) = (toy(Noise::Shot), Decoder::shipped().unwrap());
     let keeper = InMemory::default();
     let (kept, elapsed) = ([0.25, 0.5, 0.75, 1.0].repeat(4), std::time::Duration::from_hours(2));
-    AisCheckpoint::keep(&keeper, (77, &kept), elapsed).unwrap();
+    AisCheckpoint::keep(&keeper, 77, &kept, elapsed).unwrap();
     // The budget is used up: one more block is computed, then sampling stops.
     let fit = AisSettings { half_width: 0.0, ..AisSettings::within(std::time::Duration::from_hours(1), 6) };
     let bound = ais_upper_bound(&channel, &fit, decoder, Some(&keeper), &mut CancelToken::new());

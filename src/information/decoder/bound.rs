@@ -82,7 +82,7 @@ pub fn decoder_lower_bound(
     let mut passes = Passes::new(&scene, &decoder);
     let mut run = Run::new(fit, &scene, &mut decoder, keeper)?;
     let steps = run.train(&mut decoder, &mut passes, progress)?;
-    let savings = test(&scene, (fit, &run), &passes, &decoder, progress)?;
+    let savings = test(&scene, fit, &run, &passes, &decoder, progress)?;
     let (mean, half_width) = savings.mean_and_half_width();
     let mut notes = Vec::new();
     if start.is_some() {
@@ -119,7 +119,8 @@ pub fn decoder_lower_bound(
 /// Scores blocks of test samples until the interval is narrow, the samples are many, or the budget is used up.
 fn test(
     scene: &Problem,
-    (fit, run): (&DecoderFit, &Run<'_>),
+    fit: &DecoderFit,
+    run: &Run<'_>,
     passes: &Passes<'_>,
     decoder: &Decoder,
     progress: &mut dyn Progress<DecoderProgress>,
@@ -127,7 +128,7 @@ fn test(
     let mut savings = InformationGain::default();
     let mut on_scored = |tested: &usize| progress.report(&run.progress(Some(*tested)));
     loop {
-        savings.add_block(scene, passes, decoder, (fit.kind, fit.seed), &mut on_scored)?;
+        savings.add_block(scene, passes, decoder, fit.kind, fit.seed, &mut on_scored)?;
         let narrow = savings.mean_and_half_width().1 <= fit.half_width;
         let late = fit.budget.is_some_and(|budget| run.elapsed() >= budget);
         if narrow || late || savings.count() >= fit.max_test {

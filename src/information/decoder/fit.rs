@@ -10,7 +10,7 @@ use super::gradient::Passes;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
 use super::problem::Problem;
-use super::samples::Reveal;
+use super::samples::{Reveal, SampleRange};
 use crate::information::error::InformationError;
 use crate::information::fit_checkpoint::{FitArrays, FitCheckpoint, RestoredFit, fit_to_bytes, restore_fit};
 use crate::information::stopwatch::Stopwatch;
@@ -127,7 +127,7 @@ pub(super) struct Run<'a> {
     fit: &'a DecoderFit,
     scene: &'a Problem,
     keeper: Option<&'a dyn FitCheckpoint>,
-    watch: Stopwatch,
+    time: Stopwatch,
     course: Course,
 }
 
@@ -208,14 +208,15 @@ impl Course {
         &mut self,
         fit: &DecoderFit,
         scene: &Problem,
-        (decoder, passes): (&mut Decoder, &mut Passes<'_>),
+        decoder: &mut Decoder,
+        passes: &mut Passes<'_>,
         done: f64,
     ) -> Result<(), InformationError> {
         let sites = scene.decoded.len();
-        let draws = (fit.seed, self.steps * fit.batch, fit.batch);
+        let samples = SampleRange { seed: fit.seed, first: self.steps * fit.batch, count: fit.batch };
         let outcomes = match fit.kind {
-            DecoderKind::Factorised => passes.train(decoder, draws, |_| Reveal::Nothing),
-            DecoderKind::Autoregressive => passes.train(decoder, draws, |random| revealed_in_training(sites, random)),
+            DecoderKind::Factorised => passes.train(decoder, samples, |_| Reveal::Nothing),
+            DecoderKind::Autoregressive => passes.train(decoder, samples, |random| revealed_in_training(sites, random)),
         };
         self.steps += 1;
         if self.mover.step(decoder, &passes.gradient, 1.0, fit.rate * learning_rate_factor(done))? {
@@ -234,7 +235,7 @@ impl Course {
             (NANOSECONDS, elapsed.as_nanos().to_string()),
         ];
         let numbers = FitArrays { weights: &decoder.weights, optimizer, best: None };
-        keeper.store(&fit_to_bytes(keeper.key(), &numbers, (self.steps, *refused), details)?)
+        keeper.store(&fit_to_bytes(keeper.key(), &numbers, self.steps, *refused, details)?)
     }
 
     /// Resumes from the checkpoint of the same fit, if there is one; returns its elapsed time.
@@ -277,7 +278,7 @@ impl DecoderRefit {
         let mut passes = Passes::new(&scene, decoder);
         while course.steps < steps.min(fit.steps) {
             let done = course.share(fit);
-            course.step(fit, &scene, (decoder, &mut passes), done)?;
+            course.step(fit, &scene, decoder, &mut passes, done)?;
             if progress.report(&course.steps).is_break() {
                 return Err(InformationError::Cancelled);
             }
@@ -307,7 +308,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self, InformationError> {
         let mut course = Course::new(decoder);
         let before = keeper.map(|keeper| course.restore(keeper, decoder)).transpose()?;
-        Ok(Self { fit, scene, keeper, watch: Stopwatch::after(before.unwrap_or_default()), course })
+        Ok(Self { fit, scene, keeper, time: Stopwatch::after(before.unwrap_or_default()), course })
     }
 
     /// Takes all steps and gives the decoder the averaged weights. Returns the number of steps.
@@ -323,7 +324,7 @@ impl<'a> Run<'a> {
             if done >= 1.0 || self.course.steps >= self.fit.steps {
                 break;
             }
-            self.course.step(self.fit, self.scene, (decoder, passes), done)?;
+            self.course.step(self.fit, self.scene, decoder, passes, done)?;
             if let Some(keeper) = self.keeper
                 && self.elapsed() >= kept + keeper.every()
             {
@@ -340,7 +341,7 @@ impl<'a> Run<'a> {
 
     /// Time of the fit so far.
     pub fn elapsed(&self) -> Duration {
-        self.watch.elapsed()
+        self.time.elapsed()
     }
 
     /// Share of the schedule that is done.

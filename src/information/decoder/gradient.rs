@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::layers::Decoder;
 use super::pass::Pass;
 use super::problem::Problem;
-use super::samples::{Purpose, Reveal};
+use super::samples::{Purpose, Reveal, SampleRange};
 use crate::nn::{Pool, ordered_sum};
 
 /// Result of one sample.
@@ -35,22 +35,22 @@ impl<'a> Passes<'a> {
         Self { scene, steps: decoder.unrolled(), free: Pool::default(), parts: Vec::new(), gradient }
     }
 
-    /// Writes the gradient of a batch of new training samples, numbered from `first`, to [`Passes::gradient`].
+    /// Writes the gradient of a batch of new training samples to [`Passes::gradient`].
     ///
     /// `reveal` chooses the revealed sites; its weight is that of the sample in the loss.
     pub fn train(
         &mut self,
         decoder: &Decoder,
-        (seed, first, count): (u64, usize, usize),
+        samples: SampleRange,
         reveal: impl Fn(&mut ChaCha8Rng) -> Reveal + Sync,
     ) -> Vec<Outcome> {
-        self.parts.resize_with(count, || vec![0.0; decoder.layout.count()]);
+        self.parts.resize_with(samples.count, || vec![0.0; decoder.layout.count()]);
         let (scene, steps, free) = (self.scene, self.steps, &self.free);
-        let share = 1.0 / (count * scene.decoded.len().max(1)) as f64;
+        let share = 1.0 / (samples.count * scene.decoded.len().max(1)) as f64;
         let parts = self.parts.par_iter_mut().with_max_len(1).enumerate();
         let outcomes = parts.map(|(index, gradient)| {
             lend(free, scene, steps, |pass| {
-                pass.sample.draw(scene, (seed, Purpose::Training, first + index), &reveal, &mut pass.blur);
+                pass.sample.draw(scene, samples.sample(Purpose::Training, index), &reveal, &mut pass.blur);
                 let outcome = decode(pass, decoder);
                 gradient.fill(0.0);
                 let weight = pass.sample.weight * share;
@@ -64,17 +64,17 @@ impl<'a> Passes<'a> {
         outcomes
     }
 
-    /// Decodes new test samples, numbered from `first`. `reveal` also gets the place of the sample in this call.
+    /// Decodes new test samples. `reveal` also gets the place of the sample in this call.
     pub fn test(
         &self,
         decoder: &Decoder,
-        (seed, first, count): (u64, usize, usize),
+        samples: SampleRange,
         reveal: impl Fn(usize, &mut ChaCha8Rng) -> Reveal + Sync,
     ) -> Vec<Outcome> {
-        let decoded = (0..count).into_par_iter().map(|index| {
+        let decoded = (0..samples.count).into_par_iter().map(|index| {
             self.lend(|pass| {
-                let draw = (seed, Purpose::Test, first + index);
-                pass.sample.draw(self.scene, draw, |random| reveal(index, random), &mut pass.blur);
+                let sample = samples.sample(Purpose::Test, index);
+                pass.sample.draw(self.scene, sample, |random| reveal(index, random), &mut pass.blur);
                 decode(pass, decoder)
             })
         });

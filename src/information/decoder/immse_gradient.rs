@@ -13,12 +13,12 @@ use super::channel::BeadChannel;
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::problem::Problem;
-use super::samples::{Purpose, Reveal};
+use super::samples::{Purpose, Reveal, SampleRange};
 use crate::information::error::InformationError;
 use crate::sensor::Noise;
 
 /// Gradient of the information by every pixel of the channel's spot (planes, rows, cols), bits per pixel of the patch
-/// and photon. It is the mean over `count` new samples, numbered from `first`. It is exact where the decoder's
+/// and photon. It is the mean over new samples. It is exact where the decoder's
 /// probabilities are those of the posterior.
 ///
 /// # Errors
@@ -26,18 +26,18 @@ use crate::sensor::Noise;
 pub fn bead_response_gradient(
     channel: &BeadChannel,
     decoder: &Decoder,
-    (seed, first, count): (u64, usize, usize),
+    samples: SampleRange,
 ) -> Result<Array3<f64>, InformationError> {
     // Dark pixels of the spot also have a gradient.
     let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
-    let seen: Vec<(Vec<f32>, Vec<f32>)> = (0..count)
+    let seen: Vec<(Vec<f32>, Vec<f32>)> = (0..samples.count)
         .into_par_iter()
         .with_max_len(1)
         .map(|index| {
             passes.lend(|pass| {
-                let draw = (seed, Purpose::Slope, first + index);
-                pass.sample.draw(&scene, draw, |_| Reveal::Nothing, &mut pass.blur);
+                let sample = samples.sample(Purpose::Slope, index);
+                pass.sample.draw(&scene, sample, |_| Reveal::Nothing, &mut pass.blur);
                 pass.forward(decoder, &decoder.weights);
                 let known = pass.sample.known.iter().zip(&pass.sample.free);
                 let guessed: Vec<f32> = pass
@@ -63,13 +63,13 @@ pub fn bead_response_gradient(
         beads.extend(drawn);
         slopes.extend(sloped);
     }
-    let sites = (count, scene.sites.images, scene.sites.rows, scene.sites.cols);
+    let sites = (samples.count, scene.sites.images, scene.sites.rows, scene.sites.cols);
     // All have the shapes of the problem, so these fit.
     let no_light = |_| InformationError::NoLight;
     let beads = ArrayView4::from_shape(sites, &beads).map_err(no_light)?;
-    let slopes = Array3::from_shape_vec((count, scene.patch.0, scene.patch.1), slopes).map_err(no_light)?;
+    let slopes = Array3::from_shape_vec((samples.count, scene.patch.0, scene.patch.1), slopes).map_err(no_light)?;
     let by_spot = scene.light.psf_cotangent(beads, slopes.view()).map_err(|_| InformationError::NoLight)?;
-    Ok(by_spot / (count * scene.pixels()).max(1) as f64)
+    Ok(by_spot / (samples.count * scene.pixels()).max(1) as f64)
 }
 
 /// Derivative of the information by one photon of clean light, bits, at `clean` photons. `mean` is their expectation
@@ -205,7 +205,8 @@ mod tests {
                 ..DecoderFit::of_steps(1500, DecoderKind::Factorised, 5)
             };
             let (_, decoder) = decoder_lower_bound(&channel, &fit, None, None, &mut CancelToken::new()).unwrap();
-            let found = bead_response_gradient(&channel, &decoder, (7, 0, 200_000)).unwrap();
+            let found =
+                bead_response_gradient(&channel, &decoder, SampleRange { seed: 7, first: 0, count: 200_000 }).unwrap();
             let exact = exact_slopes([9.0, 4.0], noise);
             println!("{noise}: {found} {exact:?}");
             for (found, exact) in found.iter().zip(exact) {

@@ -21,7 +21,7 @@ use super::gradient::Passes;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
 use super::problem::Problem;
-use super::samples::Reveal;
+use super::samples::{Reveal, SampleRange};
 use crate::information::error::InformationError;
 use crate::progress::Progress;
 
@@ -59,12 +59,13 @@ impl InformationGain {
         scene: &Problem,
         passes: &Passes<'_>,
         decoder: &Decoder,
-        (kind, seed): (DecoderKind, u64),
+        kind: DecoderKind,
+        seed: u64,
         progress: &mut dyn Progress<usize>,
     ) -> Result<(), InformationError> {
         for _ in (0..BLOCK).step_by(REPORT) {
-            let range = self.0.len()..self.0.len() + REPORT;
-            self.0.extend(scored(scene, passes, decoder, (kind, seed, BLOCK), range));
+            let draw = SceneDraw { scenes: self.0.len()..self.0.len() + REPORT, seed, block: BLOCK };
+            self.0.extend(scored(scene, passes, decoder, kind, &draw));
             if progress.report(&self.0.len()).is_break() {
                 return Err(InformationError::Cancelled);
             }
@@ -73,26 +74,37 @@ impl InformationGain {
     }
 }
 
-/// Information gain of some of the test samples, each `block` of them spread evenly over k.
+/// Scenes that a decoder is tested on.
+#[derive(Clone, Debug)]
+pub struct SceneDraw {
+    /// Indices among the test scenes of the seed.
+    pub scenes: Range<usize>,
+    /// Seed of the scenes.
+    pub seed: u64,
+    /// Scenes of one block, over which the orders of revealed sites are spread evenly.
+    pub block: usize,
+}
+
+/// Information gain of scenes, bits per pixel.
 fn scored(
     scene: &Problem,
     passes: &Passes<'_>,
     decoder: &Decoder,
-    (kind, seed, block): (DecoderKind, u64, usize),
-    range: Range<usize>,
+    kind: DecoderKind,
+    &SceneDraw { ref scenes, seed, block }: &SceneDraw,
 ) -> impl Iterator<Item = f64> {
     let (sites, pixels) = (scene.decoded.len(), scene.pixels());
+    let first = scenes.start;
     let reveal = |index: usize, random: &mut ChaCha8Rng| match kind {
         DecoderKind::Factorised => Reveal::Nothing,
-        DecoderKind::Autoregressive => stratum(sites, ((range.start + index) % block, block), random),
+        DecoderKind::Autoregressive => stratum(sites, (first + index) % block, block, random),
     };
-    let outcomes = passes.test(decoder, (seed, range.start, range.len()), reveal);
+    let outcomes = passes.test(decoder, SampleRange { seed, first, count: scenes.len() }, reveal);
     outcomes.into_iter().map(move |outcome| outcome.saved_bits / pixels as f64)
 }
 
-/// Information gain of a decoder over the prior on a range of the test samples of a seed, bits per pixel each. A
-/// multiple of `block` samples is spread evenly over the orders of revealed sites; their mean is a lower bound. From
-/// 64 on the spread does not widen the interval
+/// Information gain of a decoder over the prior on test scenes, bits per pixel each. The mean over whole blocks is a
+/// lower bound. From 64 scenes a block on, the spread does not widen the interval
 /// ([`PretrainedLowerBound::of_savings`](super::PretrainedLowerBound::of_savings)).
 ///
 /// # Errors
@@ -102,16 +114,15 @@ fn scored(
 pub fn decoder_information(
     decoder: &Decoder,
     channel: &BeadChannel,
-    (seed, block): (u64, usize),
-    range: Range<usize>,
+    draw: &SceneDraw,
     progress: &mut dyn Progress<usize>,
 ) -> Result<Vec<f64>, InformationError> {
     let scene = Problem::of(channel, channel.whole_spot()?)?;
     let passes = Passes::new(&scene, decoder);
-    let mut savings = Vec::with_capacity(range.len());
-    for first in range.clone().step_by(REPORT) {
-        let part = first..range.end.min(first + REPORT);
-        savings.extend(scored(&scene, &passes, decoder, (DecoderKind::Autoregressive, seed, block), part));
+    let mut savings = Vec::with_capacity(draw.scenes.len());
+    for first in draw.scenes.clone().step_by(REPORT) {
+        let part = SceneDraw { scenes: first..draw.scenes.end.min(first + REPORT), ..draw.clone() };
+        savings.extend(scored(&scene, &passes, decoder, DecoderKind::Autoregressive, &part));
         if progress.report(&savings.len()).is_break() {
             return Err(InformationError::Cancelled);
         }
@@ -126,7 +137,7 @@ pub fn paired_gain(before: &[f64], after: &[f64]) -> (f64, f64) {
 }
 
 /// Number of revealed sites of one sample of a block, and the weight that makes the mean that over all k.
-fn stratum(sites: usize, (place, block): (usize, usize), random: &mut ChaCha8Rng) -> Reveal {
+fn stratum(sites: usize, place: usize, block: usize, random: &mut ChaCha8Rng) -> Reveal {
     if sites == 0 {
         // Nothing is decoded, so there is no gain.
         return Reveal::Random { count: 0, weight: 0.0 };
@@ -166,7 +177,7 @@ mod tests {
             let rounds = 400;
             let mut sum = 0.0;
             for place in (0..rounds).flat_map(|_| 0..BLOCK) {
-                let Reveal::Random { count, weight } = stratum(sites, (place, BLOCK), &mut random) else { panic!() };
+                let Reveal::Random { count, weight } = stratum(sites, place, BLOCK, &mut random) else { panic!() };
                 assert!(count < sites);
                 sum += weight * (sites - count) as f64 * (1.0 + count as f64 / sites as f64);
             }

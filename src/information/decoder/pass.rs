@@ -169,8 +169,8 @@ impl<'a> Pass<'a> {
         let by = &mut self.by_evidence;
         update_backward(evidence, moves, scene.prior_logit(), by, &mut self.by_claimed, &mut self.by_gate);
         let layers = Layers { sites: scene.sites, windows: &self.windows, step: &decoder.steps[step], weights };
-        let by_moves = (&self.by_claimed[..], &self.by_gate[..]);
-        layers.backward(activations, by_moves, gradient, &mut self.by_features, &mut self.layers);
+        let (by_features, scratch) = (&mut self.by_features, &mut self.layers);
+        layers.backward(activations, &self.by_claimed, &self.by_gate, gradient, by_features, scratch);
         if step == 0 {
             // The first logits are those of the prior.
             return;
@@ -192,7 +192,7 @@ const _: () = assert!(INPUTS == 24, "the window products know 16 and 24 channels
 #[cfg(test)]
 mod tests {
     use super::super::channel::BeadChannel;
-    use super::super::samples::{Purpose, Reveal};
+    use super::super::samples::{Purpose, Reveal, SampleId};
     use super::*;
     use crate::sensor::Noise;
     use ndarray::Array3;
@@ -227,7 +227,12 @@ mod tests {
             }
             let mut pass = Pass::new(&scene, 3);
             let revealed = |_: &mut ChaCha8Rng| Reveal::Random { count: scene.decoded.len() / 4, weight: 1.0 };
-            pass.sample.draw(&scene, (4, Purpose::Training, 0), revealed, &mut pass.blur);
+            pass.sample.draw(
+                &scene,
+                SampleId { seed: 4, purpose: Purpose::Training, index: 0 },
+                revealed,
+                &mut pass.blur,
+            );
             pass.forward(&decoder, &decoder.weights);
             let mut gradient = vec![0.0; decoder.layout.count()];
             pass.backward(&decoder, &decoder.weights, 1.0, &mut gradient);
@@ -261,7 +266,12 @@ mod tests {
         let gate = decoder.steps[0].heads.1.start + 1;
         decoder.weights[gate] = -80.0;
         let mut pass = Pass::new(&scene, 1);
-        pass.sample.draw(&scene, (4, Purpose::Test, 3), |_| Reveal::Nothing, &mut pass.blur);
+        pass.sample.draw(
+            &scene,
+            SampleId { seed: 4, purpose: Purpose::Test, index: 3 },
+            |_| Reveal::Nothing,
+            &mut pass.blur,
+        );
         let bits = pass.forward(&decoder, &decoder.weights);
         assert!((bits / pass.prior_bits() - 1.0).abs() < 1e-5, "{bits} {}", pass.prior_bits());
     }

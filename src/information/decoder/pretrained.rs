@@ -11,6 +11,7 @@ use super::fit::{Mover, revealed_in_training};
 use super::gradient::Passes;
 use super::layers::Decoder;
 use super::problem::Problem;
+use super::samples::SampleRange;
 use crate::information::error::InformationError;
 use crate::nn::learning_rate_factor;
 use crate::progress::Progress;
@@ -35,6 +36,17 @@ pub struct DecoderPretrainProgress {
     pub saved_bits: f64,
     /// Time so far.
     pub elapsed: Duration,
+}
+
+/// Settings of a fit to many channels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DecoderPretraining {
+    /// Time of the fit.
+    pub length: Duration,
+    /// Seed of channels, samples and noise.
+    pub seed: u64,
+    /// Largest learning rate.
+    pub rate: f64,
 }
 
 /// A step of a fit to many channels, reported after it.
@@ -69,15 +81,15 @@ impl Decoder {
         Self::from_bytes(bytes).ok().filter(|decoder| decoder.unrolled() == unrolled)
     }
 
-    /// Fits a decoder for a given time to many channels at once, with other sites revealed as for an autoregressive
-    /// decoder. `channel` makes a channel from its number; `rate` is the largest learning rate.
+    /// Fits a decoder to many channels at once, with other sites revealed as for an autoregressive decoder. `channel`
+    /// makes a channel from its number.
     ///
     /// # Errors
     /// Where a channel is invalid or numbers stay infinite; when `on_step` cancels.
     pub fn fit_generally(
         &mut self,
         channel: &dyn Fn(u64) -> Result<BeadChannel, InformationError>,
-        (length, seed, rate): (Duration, u64, f64),
+        DecoderPretraining { length, seed, rate }: DecoderPretraining,
         on_step: &mut dyn for<'a> Progress<DecoderPretrainStep<'a>>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
@@ -98,8 +110,8 @@ impl Decoder {
                 }
                 let chosen = random.random_range(0..CHANNELS);
                 let (scene, passes) = (&scenes[chosen], &mut passes[chosen]);
-                let draws = (random.random(), 0, BATCH);
-                let outcomes = passes.train(self, draws, |random| revealed_in_training(scene.decoded.len(), random));
+                let samples = SampleRange { seed: random.random(), first: 0, count: BATCH };
+                let outcomes = passes.train(self, samples, |random| revealed_in_training(scene.decoded.len(), random));
                 // Sparse objects hold less information; without this they would count for less.
                 let prior = scene.prior_nats().max(1e-6);
                 if !mover.step(self, &passes.gradient, prior, rate * learning_rate_factor(done))? {

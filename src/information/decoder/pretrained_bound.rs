@@ -22,16 +22,25 @@ pub struct PretrainedLowerBound {
     pub samples: usize,
 }
 
+/// Settings of the test of a decoder.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DecoderTest {
+    /// Largest number of samples.
+    pub samples: usize,
+    /// Half width of the 95 % interval at which the test ends, bits per pixel.
+    pub half_width: f64,
+    /// Seed of the samples.
+    pub seed: u64,
+}
+
 impl PretrainedLowerBound {
-    /// Tests the pretrained decoder on at most this number of samples. Stops early once half the width of the
-    /// interval (bits per pixel) is small enough. `None` where the program has no decoder.
+    /// Tests the pretrained decoder. `None` where the program has no decoder.
     ///
     /// # Errors
     /// As [`decoder_lower_bound`].
     pub fn new(
         channel: &BeadChannel,
-        (samples, half_width): (usize, f64),
-        seed: u64,
+        DecoderTest { samples, half_width, seed }: DecoderTest,
         progress: &mut dyn Progress<DecoderProgress>,
     ) -> Result<Option<Self>, InformationError> {
         let Some(decoder) = Decoder::shipped() else { return Ok(None) };

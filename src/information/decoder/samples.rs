@@ -16,6 +16,35 @@ pub(in crate::information) enum Purpose {
     Slope = 4,
 }
 
+/// Identity of a sample: each has its own random streams.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::information) struct SampleId {
+    /// Seed of all samples.
+    pub seed: u64,
+    /// Purpose of the sample.
+    pub purpose: Purpose,
+    /// Number among the samples of the purpose.
+    pub index: usize,
+}
+
+/// Consecutive samples of a seed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SampleRange {
+    /// Seed of all samples.
+    pub seed: u64,
+    /// Number of the first sample.
+    pub first: usize,
+    /// Number of samples.
+    pub count: usize,
+}
+
+impl SampleRange {
+    /// Identity of a sample, counted from the first of the range.
+    pub(in crate::information) fn sample(self, purpose: Purpose, index: usize) -> SampleId {
+        SampleId { seed: self.seed, purpose, index: self.first + index }
+    }
+}
+
 /// Sites that are revealed to the decoder at the start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::information) enum Reveal {
@@ -47,11 +76,11 @@ const PURPOSE_SHIFT: u32 = 56;
 const OBJECTS: u64 = 1 << 63;
 
 impl Sample {
-    /// Draws sample `index` of a purpose.
+    /// Draws a sample.
     pub fn draw(
         &mut self,
         scene: &Problem,
-        (seed, purpose, index): (u64, Purpose, usize),
+        SampleId { seed, purpose, index }: SampleId,
         reveal: impl FnOnce(&mut ChaCha8Rng) -> Reveal,
         blur: &mut BlurWorkspace,
     ) {

@@ -145,7 +145,8 @@ impl Layers<'_> {
     pub fn backward(
         &self,
         kept: &Activations,
-        (by_level, by_gate): (&[f32], &[f32]),
+        by_level: &[f32],
+        by_gate: &[f32],
         gradient: &mut [f32],
         by_features: &mut [f32],
         scratch: &mut LayerScratch,

@@ -7,6 +7,8 @@ use ndarray::{ArrayViewD, Axis};
 use crate::evaluation::scene::EvaluationError;
 use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, PageWriter};
 use crate::forward::{Design, ForwardModel};
+use crate::information::InformationError;
+use crate::progress::Progress;
 use crate::sparsity::tamura_of_stack;
 use crate::workbench::export::design_files::{DESIGN_FILE, ExportError, put_in_place};
 
@@ -126,17 +128,17 @@ pub struct MeasuredStacks {
 /// is created if it is missing.
 ///
 /// Memory does not grow with `count`: objects are drawn, measured and written a batch at a time. The files do not depend on the length of
-/// a batch. No file appears before all are complete. `progress` receives the number of finished objects.
+/// a batch. No file appears before all are complete. Reports the number of finished objects.
 ///
 /// # Errors
-/// [`ExportError`] where something cannot be computed or written, or another program writes into the folder.
+/// [`ExportError`] where something cannot be computed or written, or another program writes into the folder; where `progress` cancels.
 pub fn measure_into(
     folder: &Path,
     design: &Design,
     forward: &ForwardModel,
     count: usize,
     format: MeasurementFormat,
-    progress: &mut dyn FnMut(usize),
+    progress: &mut dyn Progress<usize>,
 ) -> Result<MeasuredStacks, ExportError> {
     let (rows, cols) = forward.set.field();
     let (measured_rows, measured_cols) = forward.plan().measurement_shape();
@@ -151,7 +153,7 @@ fn measure_in_batches(
     count: usize,
     batch: usize,
     format: MeasurementFormat,
-    progress: &mut dyn FnMut(usize),
+    progress: &mut dyn Progress<usize>,
 ) -> Result<MeasuredStacks, ExportError> {
     let (rows, cols) = forward.set.field();
     let object_shape = match forward.set.planes() {
@@ -180,7 +182,9 @@ fn measure_in_batches(
         noisy.append(part.noisy.view().into_dyn())?;
         tamura.extend(tamura_of_stack(part.noisy.view()));
         first += length;
-        progress(first);
+        if progress.report(&first).is_break() {
+            return Err(EvaluationError::from(InformationError::Cancelled).into());
+        }
     }
     let record = folder.join(DESIGN_FILE);
     let is_of_another = Design::open(&record).is_ok_and(|earlier| earlier != *design);
@@ -202,8 +206,11 @@ fn measure_in_batches(
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use super::*;
     use crate::optics::{Encoder, depth_layout};
+    use crate::progress::CancelToken;
     use crate::sensor::Noise;
 
     #[test]
@@ -220,7 +227,9 @@ mod tests {
             for format in [MeasurementFormat::Npy, MeasurementFormat::Tiff] {
                 let written = |batch: usize| {
                     let folder = folder.path().join(format!("{kind}-{format:?}-{batch}"));
-                    let result = measure_in_batches(&folder, design, &forward, 7, batch, format, &mut |_| {}).unwrap();
+                    let result =
+                        measure_in_batches(&folder, design, &forward, 7, batch, format, &mut CancelToken::new())
+                            .unwrap();
                     let bytes: Vec<_> = result.files.iter().map(|file| std::fs::read(file).unwrap()).collect();
                     (result.tamura, bytes)
                 };
@@ -231,6 +240,23 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn cancelled_export_leaves_no_stack() {
+        let folder = tempfile::tempdir().unwrap();
+        let design = Design::default();
+        let forward = ForwardModel::open(&design).unwrap();
+        let mut reported = Vec::new();
+        let mut until_four = |done: &usize| {
+            reported.push(*done);
+            if *done < 4 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
+        };
+        let npy = MeasurementFormat::Npy;
+        let result = measure_in_batches(folder.path(), &design, &forward, 7, 2, npy, &mut until_four);
+        assert!(matches!(result, Err(ExportError::Evaluation(error)) if error.is_cancelled()));
+        assert_eq!(reported, [2, 4]);
+        assert!(MEASUREMENT_STACKS.iter().all(|name| !npy.file(folder.path(), name).exists()));
     }
 
     #[test]

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{
-    AisBound, AisProgress, AisSettings, BeadChannel, BoundMethod, Bracket, Decoder, FitCheckpoint, InformationError,
-    NamedBound, PairedDifference, PretrainedLowerBound, ais_lower_bound, ais_upper_bound, decoder_information,
-    paired_gain,
+    AisBound, AisProgress, AisSettings, BeadChannel, BoundMethod, Bracket, Decoder, DecoderTest, FitCheckpoint,
+    InformationError, NamedBound, PairedDifference, PretrainedLowerBound, SceneDraw, ais_lower_bound, ais_upper_bound,
+    decoder_information, paired_gain,
 };
 use crate::progress::{CancelToken, Progress};
 use crate::seeds::SeedStream;
@@ -100,9 +100,8 @@ impl<'a> BeadBoundState<'a> {
             return false;
         };
         let seed = SeedStream::EditComparison.derive(self.seed);
-        let savings = |channel: &BeadChannel| {
-            decoder_information(decoder, channel, (seed, EDIT_BLOCK), 0..samples, &mut cancel.clone()).ok()
-        };
+        let draw = SceneDraw { scenes: 0..samples, seed, block: EDIT_BLOCK };
+        let savings = |channel: &BeadChannel| decoder_information(decoder, channel, &draw, &mut cancel.clone()).ok();
         let Some((before, after)) = savings(before).zip(savings(channel)) else { return false };
         // Where the decoder gains no information for either mask, the prior alone does as well.
         if [&before, &after].iter().all(|savings| savings.iter().sum::<f64>() <= 0.0) {
@@ -118,11 +117,8 @@ impl<'a> BeadBoundState<'a> {
     pub fn decode(&mut self, samples: usize, cancel: &CancelToken) {
         let Some(channel) = self.channel else { return };
         let seed = SeedStream::LiveDecoder.derive(self.seed);
-        let Ok(Some(bound)) =
-            PretrainedLowerBound::new(channel, (samples, LOWER_HALF_WIDTH), seed, &mut cancel.clone())
-        else {
-            return;
-        };
+        let test = DecoderTest { samples, half_width: LOWER_HALF_WIDTH, seed };
+        let Ok(Some(bound)) = PretrainedLowerBound::new(channel, test, &mut cancel.clone()) else { return };
         let (bits_per_pixel, interval_95) = (bound.bits_per_pixel, bound.interval_95);
         self.update_lower(
             NamedBound { from: BoundMethod::Decoder, bits_per_pixel, interval_95 },

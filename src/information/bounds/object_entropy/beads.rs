@@ -127,7 +127,7 @@ impl BeadEntropyBound {
     ) -> Result<EntropyBound, InformationError> {
         let precision = check(spot, bias, patch, noise)?;
         let gaussian = |_: ArrayView2<'_, f64>, places: &[(Corners, f64)]| self.gaussian_bits(places, precision).sum();
-        Ok(self.sum(spot, (patch, precision), gaussian))
+        Ok(self.sum(spot, patch, precision, gaussian))
     }
 
     /// The bound of one encoder by the exact information of photon counts about each bead. It is tighter for shot
@@ -155,7 +155,7 @@ impl BeadEntropyBound {
             let counts = poisson_information(plane, bias, (self.probability, self.entropy), &corners);
             self.gaussian_bits(places, precision).zip(counts).map(|(gaussian, counts)| gaussian.min(counts)).sum()
         };
-        Ok(self.sum(spot, (patch, precision), exact))
+        Ok(self.sum(spot, patch, precision, exact))
     }
 
     /// Information about each bead through its Gaussian channel, bits.
@@ -171,7 +171,8 @@ impl BeadEntropyBound {
     fn sum(
         &self,
         spot: ArrayView3<'_, f64>,
-        (patch, precision): ((usize, usize), f64),
+        patch: (usize, usize),
+        precision: f64,
         bits: impl Fn(ArrayView2<'_, f64>, &[(Corners, f64)]) -> f64,
     ) -> EntropyBound {
         let (rows, cols) = patch;

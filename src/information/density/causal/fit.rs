@@ -140,8 +140,7 @@ impl CausalFit {
             if let Some(keeper) = keeper
                 && kept.elapsed() >= keeper.every()
             {
-                let so_far = (&trainer.course, time.elapsed());
-                keep(keeper, so_far, model, &trainer.optimizer, best.found.as_ref())?;
+                keep(keeper, &trainer.course, time.elapsed(), model, &trainer.optimizer, best.found.as_ref())?;
                 kept = Instant::now();
             }
             let inputs = trainer.draw(self, model, stream)?;
@@ -152,7 +151,7 @@ impl CausalFit {
                     let FitState { steps, before, .. } = trainer.course;
                     return Ok(Fitted { steps, best: best.install_best(model)?, before });
                 }
-                trainer.step(self, model, (&inputs, indices), learning_rate_factor(done))?;
+                trainer.step(self, model, &inputs, indices, learning_rate_factor(done))?;
                 let averaged = || CausalModel { weights: trainer.averaged(model), ..model.clone() };
                 let elapsed = time.elapsed();
                 best.validate(plan.done(trainer.course.steps, elapsed), trainer.course.steps, &averaged)?;
@@ -268,7 +267,8 @@ impl Trainer {
         &mut self,
         fit: &CausalFit,
         model: &mut CausalModel,
-        (inputs, indices): (&Inputs, Range<usize>),
+        inputs: &Inputs,
+        indices: Range<usize>,
         factor: f64,
     ) -> Result<(), InformationError> {
         let Self { optimizer, course, gradients } = self;

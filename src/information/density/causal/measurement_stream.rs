@@ -138,7 +138,7 @@ impl MeasurementStream {
     /// As [`PatchStream::draw`].
     pub fn draw_one_each(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
         let (rows, cols) = self.convolver.plan().measurement_shape();
-        self.cut((count, seed), Patches::one_each((count, rows, cols), self.patch, seed))
+        self.cut(count, seed, Patches::one_each((count, rows, cols), self.patch, seed))
     }
 
     /// Base images that the patches of [`MeasurementStream::draw_one_each`] show through the mask's point spread
@@ -163,7 +163,8 @@ impl MeasurementStream {
     /// images fit into memory at a time.
     fn cut(
         &self,
-        (objects, seed): (usize, u64),
+        objects: usize,
+        seed: u64,
         places: Result<Patches, SensorError>,
     ) -> Result<PatchBatch, InformationError> {
         let cut = || -> Result<_, ForwardError> {
@@ -190,7 +191,7 @@ impl PatchStream for MeasurementStream {
             return self.draw_one_each(count, seed);
         }
         let ((rows, cols), objects) = (self.convolver.plan().measurement_shape(), count.div_ceil(PATCHES_PER_OBJECT));
-        self.cut((objects, seed), Patches::draw((objects, rows, cols), self.patch, count, seed))
+        self.cut(objects, seed, Patches::draw((objects, rows, cols), self.patch, count, seed))
     }
 }
 

@@ -159,7 +159,8 @@ impl PretrainedWeights {
     pub fn fit(
         &mut self,
         scene: &(dyn Fn(u64) -> Result<TrainingScene, InformationError> + Sync),
-        (length, seed): (Duration, u64),
+        length: Duration,
+        seed: u64,
         on_step: &mut dyn for<'a> Progress<PretrainStep<'a>>,
     ) -> Result<(), InformationError> {
         let started = Instant::now();
@@ -304,7 +305,7 @@ mod tests {
         let mut weights = PretrainedWeights::new(2);
         let (mut early, mut late, mut kept) = (0.0, f64::INFINITY, None);
         let fitted =
-            weights.fit(&|number| Ok(scene(number)), (Duration::from_hours(1), 3), &mut |step: &PretrainStep<'_>| {
+            weights.fit(&|number| Ok(scene(number)), Duration::from_hours(1), 3, &mut |step: &PretrainStep<'_>| {
                 let progress = &step.progress;
                 match progress.steps {
                     10 => early = progress.bits,

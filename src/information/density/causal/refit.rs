@@ -32,7 +32,7 @@ pub struct CausalRefit {
 
 impl CausalRefit {
     /// Starts an online fit of `steps` steps from the weights of a model; `seed` is that of patches and noise.
-    pub fn new((steps, seed): (usize, u64), start: CausalModel) -> Self {
+    pub fn new(steps: usize, seed: u64, start: CausalModel) -> Self {
         let fit = CausalFit::new(FitLength::Steps(steps), seed);
         let fit = CausalFit { rate: RATE * fit.rate, ..fit };
         let trainer = Trainer::new(&start, Averaging::Last(AVERAGED));
@@ -58,7 +58,7 @@ impl CausalRefit {
                 continue;
             };
             let factor = warmup_factor(trainer.course.steps as f64 / *all as f64);
-            trainer.step(fit, model, (inputs, indices), factor)?;
+            trainer.step(fit, model, inputs, indices, factor)?;
             if progress.report(&trainer.course.steps).is_break() {
                 return Err(InformationError::Cancelled);
             }
@@ -106,7 +106,7 @@ mod tests {
         let moments = Moments::of_patches(sample.noisy.view()).unwrap();
         let shape = CausalShape { channels: 6, dilations: vec![1, 2] };
         let start = CausalModel::new(shape, Noise::Shot, &sample, &moments, Init::Random, 3).unwrap();
-        let begin = || CausalRefit::new((300, 7), start.clone());
+        let begin = || CausalRefit::new(300, 7, start.clone());
         let (mut whole, mut parts) = (begin(), begin());
         whole.advance_to(300, &Spots, &mut CancelToken::new()).unwrap();
         for steps in [0, 3, 3, 40, 300, 400] {

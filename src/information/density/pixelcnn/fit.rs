@@ -196,7 +196,7 @@ impl<'a> Run<'a> {
             weights.as_slice()
         });
         let numbers = FitArrays { weights: &model.weights, optimizer: &self.optimizer, best };
-        keeper.store(&fit_to_bytes(keeper.key(), &numbers, (report.steps, report.refused), details)?)?;
+        keeper.store(&fit_to_bytes(keeper.key(), &numbers, report.steps, report.refused, details)?)?;
         self.kept = Instant::now();
         Ok(())
     }

@@ -174,7 +174,7 @@ impl Workspace {
         let last = layers.blocks.len().saturating_sub(1);
         for index in (0..layers.blocks.len()).rev() {
             let into = into.as_mut().map(|(gradient, write)| (&mut **gradient, *write));
-            self.block_backward(ready, (index, index == last), into);
+            self.block_backward(ready, index, index == last, into);
         }
 
         let by_standardised = &mut self.features[..pixels];
@@ -199,7 +199,7 @@ impl Workspace {
 
     /// Propagates `by_horizontal` and `by_vertical` from the outputs of a block to its inputs. The last block has no
     /// vertical output.
-    fn block_backward(&mut self, ready: &Ready<'_>, (index, last): (usize, bool), mut into: ByWeights<'_>) {
+    fn block_backward(&mut self, ready: &Ready<'_>, index: usize, last: bool, mut into: ByWeights<'_>) {
         let (grid, pixels, channels) = (self.grid, self.grid.pixels(), self.channels);
         let (block, weights, kept) = (&ready.layers.blocks[index], ready.weights, &self.kept[index]);
         if let Some((gradient, write)) = &mut into {
