@@ -9,7 +9,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = ObjectOptions { field: (27, 27), ..ObjectOptions::default() };
     let set = ObjectSet::open(&ObjectSource::Beads { density: 0.05 }, &options)?;
     let background = 10.0;
-    let model = ForwardModel::new(set.clone(), (12, 12), background, Noise::Shot)?;
+    let model = ForwardModel::new(set, (12, 12), background, Noise::Shot)?;
     // Centre (x, y) and width in px, and weight.
     let start = LensletArray {
         rows: 12,

@@ -94,7 +94,7 @@ fn weights_open() {
 /// A run is resumed from its own state. A state of another run would be refused.
 #[test]
 fn runs_are_resumed() {
-    for (name, at) in [("window-v0/run", 0), ("starts-v0", 1)] {
+    for (name, at) in [("window-v0/run", 0), ("starts-v0", 1), ("window-v1/run", 0), ("starts-v1", 1)] {
         let folder = copied(name);
         let run = RunStore::in_folder(folder.path()).unwrap();
         let (order, states) = run.last().unwrap();
@@ -119,11 +119,13 @@ fn runs_are_resumed() {
 
 #[test]
 fn unsaved_designs_and_snapshots_open() {
-    let folder = copied("window-v0");
-    let unsaved = Session::left_unsaved_in(&folder.path().join("unsaved"));
-    assert_eq!(unsaved.len(), 1);
-    assert_eq!(unsaved[0].design.encoder.lenslets().unwrap().lenslets.len(), 1);
-    let (snapshots, left_out) = Snapshots::read(&folder.path().join("kept")).unwrap();
-    assert_eq!((snapshots.entries.len(), left_out), (2, (0, 0)));
-    assert!(snapshots.entries.iter().all(|snapshot| snapshot.numbers.ceiling.is_some()));
+    for name in ["window-v0", "window-v1"] {
+        let folder = copied(name);
+        let unsaved = Session::left_unsaved_in(&folder.path().join("unsaved"));
+        assert_eq!(unsaved.len(), 1, "{name}");
+        assert_eq!(unsaved[0].design.encoder.lenslets().unwrap().lenslets.len(), 1);
+        let (snapshots, left_out) = Snapshots::read(&folder.path().join("kept")).unwrap();
+        assert_eq!((snapshots.entries.len(), left_out), (2, (0, 0)), "{name}");
+        assert!(snapshots.entries.iter().all(|snapshot| snapshot.numbers.ceiling.is_some()));
+    }
 }

@@ -41,7 +41,7 @@ pub struct DesignArgs {
 #[derive(Args, Debug)]
 pub struct SceneArgs {
     /// Objects: beads:DENSITY, beads-max:DENSITY, volume:PLANES:DENSITY, idx:FILE, cifar:FILE, images:FOLDER, or
-    /// stack:FILE. FILE?axis=last&key=NAME&channel=green&checkpoint=3 selects the part of a file.
+    /// stack:FILE. FILE?axis=last&key=NAME&channel=green&frame=3 selects the part of a file.
     #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Option<ObjectSource>,
 

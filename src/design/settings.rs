@@ -11,6 +11,13 @@ use crate::objects::ObjectSource;
 use crate::optics::LensletArray;
 
 /// Named set of settings.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let settings = IdealSettings::new(Preset::Paper, Objective::PixelCnn, 1);
+/// assert_eq!(settings.patch, Some((16, 16)));
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
@@ -44,6 +51,13 @@ impl FromStr for Preset {
 }
 
 /// Objective of a run: the information of the measurements under one kind of model.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// // For objects of unknown prior the objective is a density model.
+/// assert_eq!(Objective::default(), Objective::Density);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
@@ -160,6 +174,13 @@ impl Default for Free {
 }
 
 /// Settings of a run. They decide every step of it.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let settings = IdealSettings { steps: 50, ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
+/// assert!(settings.check(&heuristic_layout(9)).is_ok());
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct IdealSettings {
     /// Preset that the settings come from.

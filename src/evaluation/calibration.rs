@@ -12,6 +12,14 @@ const MOST_STEP: f64 = 2.0;
 /// Conversion of grey values to photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
 ///
 /// Sums keep the statistics of shot noise: the sum of Poisson counts is Poisson distributed, their mean is not.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// // 2 grey values per photon, 64 without light.
+/// let calibration = Calibration { gain: 2.0, offset: 64.0, bin: 1 };
+/// assert_ne!(calibration, Calibration::default());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::unsafe_derive_deserialize, reason = "the slicing macro of ndarray has unsafe code of its own")]
 pub struct Calibration {

@@ -37,6 +37,14 @@ const VALIDATION_SHARE: usize = 8;
 const VALIDATION_PATCHES: usize = 128;
 
 /// Location of measurements: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let source: MeasuredSource = "images:captures".parse()?;
+/// assert_eq!(source, "captures".parse()?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "String", into = "String")]
 pub struct MeasuredSource(PathBuf);

@@ -97,6 +97,14 @@ fn row_major<T: Clone>(path: &Path, header: &NpyHeader, values: io::Result<Vec<T
 
 /// Writes an array file of little-endian `f32` in C order, like NumPy.
 ///
+/// ```no_run
+/// use lenslet_studio::prelude::*;
+///
+/// let psf = Design::default().psf(1)?.mapv(|value| value as f32);
+/// write_array("psf.npy".as_ref(), psf.view())?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`FormatError::NotWritten`]; an earlier file of that name is then unchanged.
 pub fn write_array<D: Dimension>(path: &Path, array: ArrayView<f32, D>) -> Result<(), FormatError> {

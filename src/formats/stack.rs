@@ -21,6 +21,14 @@ const KINDS: &str = "an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file";
 /// (images, rows, cols); (rows, cols, 1); (rows, cols, 3 or 4) colour with rows and cols above 4; (images, rows, cols, 3
 /// or 4) colour. Other axes of length 1 are dropped. Colour becomes Rec. 709 luma.
 ///
+/// ```no_run
+/// use lenslet_studio::prelude::*;
+///
+/// let photons = read_stack("measurements.npy".as_ref())?.into_array();
+/// println!("{:?} (images, rows, cols)", photons.dim());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another kind, or an array of other axes.
 pub fn read_stack(path: &Path) -> Result<PixelStack, FormatError> {

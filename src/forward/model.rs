@@ -35,6 +35,17 @@ pub struct ForwardModel {
 }
 
 /// Objects and their measurements.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let design = Design::default();
+/// let model = ForwardModel::open(&design)?;
+/// let Simulated { objects, noiseless, noisy } = model.simulate(model.psf(&design)?.view(), 0..1, 3)?;
+/// assert_eq!(objects.dim(), (1, 1, 96, 96));
+/// assert_eq!(noiseless.dim(), noisy.dim());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Simulated {
     /// Shape (n, planes, rows, cols), photons per pixel.
     pub objects: Array4<f32>,

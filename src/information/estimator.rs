@@ -6,6 +6,13 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 /// Estimator of the information. The serialised names are stable.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let request = EstimateRequest::new(Estimator::Causal);
+/// assert!(Estimator::Causal.default_budget() < Estimator::Bracket.default_budget());
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {

@@ -28,6 +28,13 @@ const LONGEST_FIELD_PX: usize = 16_384;
 const MOST_FIELD_PIXELS: usize = 1 << 26;
 
 /// How objects are made from their source.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let options = ObjectOptions { field: (64, 64), ..ObjectOptions::default() };
+/// assert_eq!(options.mean_photons, 100.0);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ObjectOptions {
@@ -108,6 +115,14 @@ pub struct PlacedPicture {
 }
 
 /// A set of objects. It is large and never changes, so it is shared in an `Arc`.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let set = ObjectSet::open(&"beads:0.02".parse()?, &ObjectOptions::default())?;
+/// assert_eq!((set.planes(), set.field()), (1, (96, 96)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct ObjectSet {
     source: ObjectSource,

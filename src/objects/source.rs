@@ -15,6 +15,15 @@ const MOST_PLANES: usize = 64;
 const CHOICES: &str = "beads:0.02, beads-max:0.05, volume:5:0.02, idx:FILE, cifar:FILE, images:FOLDER or stack:FILE";
 
 /// Source of objects. Each variant gives its text form (`Display`, `FromStr`, serde).
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let source: ObjectSource = "volume:5:0.02".parse()?;
+/// assert_eq!(source, ObjectSource::Volume { planes: 5, density: 0.02 });
+/// assert_eq!(source.to_string(), "volume:5:0.02");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum ObjectSource {

@@ -11,6 +11,16 @@ use super::psf::render_psf;
 use crate::plural::counted;
 
 /// An optical encoder of scenes.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let encoder = Encoder::Lenslets(heuristic_layout(4));
+/// let psf = encoder.psf(1)?;
+/// assert_eq!(psf.dim(), (1, 32, 32));
+/// assert!((psf.sum() - 1.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Encoder {

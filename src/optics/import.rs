@@ -95,6 +95,15 @@ pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
 /// With `side`, or the side of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by
 /// averaging areas. The second value summarises how the file was read.
 ///
+/// ```no_run
+/// use lenslet_studio::prelude::*;
+///
+/// let (image, summary) = import_psf("diffuser.png".as_ref(), Some(32))?;
+/// println!("{summary}");
+/// let design = Design { encoder: Encoder::Image(image), ..Design::default() };
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`PsfError`] names the content of the file that is not a PSF.
 pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSummary), PsfError> {

@@ -31,6 +31,13 @@ const GRID: usize = 32;
 
 /// Heuristic layout of `count` lenslets, 1 to 9, equal weights, on a 32x32 grid.
 ///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let array = heuristic_layout(9);
+/// assert_eq!((array.lenslets.len(), array.rows, array.cols), (9, 32, 32));
+/// ```
+///
 /// # Panics
 /// Where `count` is not 1 to 9.
 pub fn heuristic_layout(count: usize) -> LensletArray {
@@ -60,6 +67,13 @@ pub fn depth_layout(count: usize) -> LensletArray {
 /// Centres are those of the smallest square grid of at least `count` points over the central 70 % of the PSF (5x5 for 25,
 /// as published). They are jittered by N(0, 1.6) and projected into [`Limits`]. Variances are U(1, 5). Lengths are in the
 /// published grid units, in which 32 samples span -16 to 16.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// assert_eq!(random_layout(25, 7), random_layout(25, 7));
+/// assert_ne!(random_layout(25, 7), random_layout(25, 8));
+/// ```
 pub fn random_layout(count: usize, seed: u64) -> LensletArray {
     const GRID_UNIT_PX: f64 = (GRID as f64 - 1.0) / GRID as f64;
     const CENTRE: f64 = (GRID as f64 - 1.0) / 2.0;

@@ -64,6 +64,14 @@ impl Spot {
 }
 
 /// One lenslet, described by its spot on the sensor.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// // A spot of standard deviation 2 px at column 10, row 12.
+/// let lenslet = Lenslet::round(10.0, 12.0, 2.0, 1.0);
+/// assert_eq!(lenslet.spot.mean_sigma(), 2.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lenslet {
     /// Column of the spot's centre in pixels.
@@ -96,6 +104,13 @@ impl Lenslet {
 }
 
 /// Lenslets over one grid of PSF pixels.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let array = LensletArray { rows: 32, cols: 32, lenslets: vec![Lenslet::round(10.0, 12.0, 2.0, 1.0)] };
+/// assert!(array.check().is_ok());
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LensletArray {
     /// Rows of the PSF grid in pixels.

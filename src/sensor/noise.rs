@@ -20,6 +20,14 @@ const MOST_SIGMA: f64 = 1e6;
 const LEAST_HIDING_SIGMA: f64 = 0.5;
 
 /// Noise of the sensor. Written `shot`, `read:5`, `shot+read:2` or `none`.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let noise: Noise = "shot+read:2".parse()?;
+/// assert_eq!(noise, Noise::ShotRead { sigma: 2.0 });
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Noise {

@@ -4,6 +4,7 @@ mod compare;
 mod dialogs;
 mod estimates;
 mod files;
+mod golden;
 mod home;
 mod mask;
 mod messages;

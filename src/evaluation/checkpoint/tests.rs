@@ -32,57 +32,61 @@ fn named(name: &str) -> Identity {
     Identity { content: json!(name), earlier: Vec::new() }
 }
 
-/// The files of an estimate in progress as the program wrote them before they had a format.
+/// The files of an estimate in progress as earlier versions wrote them; version 0 is that without a format.
 #[test]
 fn checkpoints_of_earlier_programs_are_resumed() {
-    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden");
-    let folder = tempfile::tempdir().unwrap();
-    let copied = |name: &str| {
-        let path = folder.path().join(Path::new(name).file_name().unwrap());
-        std::fs::copy(golden.join(name), &path).unwrap();
-        path
-    };
-    let order = std::fs::read(golden.join("window-v0/estimates/pending/order.json")).unwrap();
-    let order: Value = serde_json::from_slice(&order).unwrap();
-    let design: Design = serde_json::from_value(order["order"]["design"].clone()).unwrap();
-    let request: EstimateRequest = serde_json::from_value(order["order"]["request"].clone()).unwrap();
-    let objects = objects_of(&design);
-    let state = copied("window-v0/estimates/pending/state");
-    let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
-    assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some() && kept.parts.earlier_key.is_some());
-    drop(kept);
-    // It was written again with its format and its new key, and is still the same estimate.
-    let text = std::fs::read_to_string(&state).unwrap();
-    assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
-    let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
-    assert!(kept.parts.trials.len() == 1 && kept.parts.earlier_key.is_some());
-    drop(kept);
-    let other = EstimateRequest { patches_test: 1499, ..request.clone() };
-    assert!(EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &other)).is_err());
+    for version in ["v0", "v1"] {
+        let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden");
+        let folder = tempfile::tempdir().unwrap();
+        let copied = |name: &str| {
+            let path = folder.path().join(Path::new(name).file_name().unwrap());
+            std::fs::copy(golden.join(name), &path).unwrap();
+            path
+        };
+        let order = std::fs::read(golden.join(format!("window-{version}/estimates/pending/order.json"))).unwrap();
+        let order: Value = serde_json::from_slice(&order).unwrap();
+        let design: Design = serde_json::from_value(order["order"]["design"].clone()).unwrap();
+        let request: EstimateRequest = serde_json::from_value(order["order"]["request"].clone()).unwrap();
+        let objects = objects_of(&design);
+        let state = copied(&format!("window-{version}/estimates/pending/state"));
+        let had_no_format = version == "v0";
+        // A file without a format is written again with its format and its new key, and is still the same estimate.
+        for _ in 0..2 {
+            let kept = EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &request)).unwrap();
+            assert!(kept.parts.trials.len() == 1 && kept.parts.decoder.is_some(), "{version}");
+            assert_eq!(kept.parts.earlier_key.is_some(), had_no_format, "{version}");
+            drop(kept);
+            let text = std::fs::read_to_string(&state).unwrap();
+            assert!(text.starts_with("{\"format\":\"lenslet-studio/estimate-checkpoint\",\"format_version\":1,"));
+        }
+        let other = EstimateRequest { patches_test: 1499, ..request.clone() };
+        assert!(EstimateCheckpoint::open(Some(&state), || identity(&design, &objects, &other)).is_err());
 
-    // An estimate that was stopped during its first fit, whose state has a key of its own.
-    let path = copied("resume-v0");
-    let mut packed = flate2::read::GzDecoder::new(File::open(golden.join("resume-v0.fit-1.gz")).unwrap());
-    let mut fit = File::create(folder.path().join("resume-v0.fit-1")).unwrap();
-    std::io::copy(&mut packed, &mut fit).unwrap();
-    drop(fit);
-    let encoder = Encoder::Lenslets(heuristic_layout(2));
-    let design = Design { encoder, seed: 3, ..Design::default() };
-    let request = EstimateRequest {
-        model: DensityModel::new(Estimator::Causal, None, EngineChoice::default()).of_steps(30_000),
-        protocol: Protocol::Default,
-        patch: Some((8, 8)),
-        patches_train: 10_000,
-        patches_test: 32,
-        fresh: false,
-        trials: 1,
-        keep: None,
-        weights: WeightsFiles::default(),
-    };
-    let kept = EstimateCheckpoint::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
-    let fit = kept.fit("1").unwrap();
-    let key = crate::nn::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
-    assert_eq!(fit.key(), key);
+        // An estimate that was stopped during its first fit, whose state has a key of its own.
+        let name = format!("resume-{version}");
+        let path = copied(&name);
+        let mut packed = flate2::read::GzDecoder::new(File::open(golden.join(format!("{name}.fit-1.gz"))).unwrap());
+        let mut fit = File::create(folder.path().join(format!("{name}.fit-1"))).unwrap();
+        std::io::copy(&mut packed, &mut fit).unwrap();
+        drop(fit);
+        let encoder = Encoder::Lenslets(heuristic_layout(2));
+        let design = Design { encoder, seed: 3, ..Design::default() };
+        let request = EstimateRequest {
+            model: DensityModel::new(Estimator::Causal, None, EngineChoice::default()).of_steps(30_000),
+            protocol: Protocol::Default,
+            patch: Some((8, 8)),
+            patches_train: 10_000,
+            patches_test: 32,
+            fresh: false,
+            trials: 1,
+            keep: None,
+            weights: WeightsFiles::default(),
+        };
+        let kept = EstimateCheckpoint::open(Some(&path), || identity(&design, &objects_of(&design), &request)).unwrap();
+        let fit = kept.fit("1").unwrap();
+        let key = crate::nn::read_detail(&fit.load().unwrap().unwrap(), "key").unwrap();
+        assert_eq!(fit.key(), key, "{version}");
+    }
 }
 
 fn objects_of(design: &Design) -> String {

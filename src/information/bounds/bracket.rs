@@ -7,6 +7,15 @@ use crate::information::ais::bound::AisBound;
 use crate::information::decoder::bound::LowerBound;
 
 /// A lower or upper bound on the information, bits per pixel, and its source.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// use lenslet_studio::information::BoundMethod;
+///
+/// let bound = NamedBound::exact(BoundMethod::EntropyBound, 0.41);
+/// assert_eq!(bound.interval_95, [0.41, 0.41]);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NamedBound {
     /// Source.
@@ -64,6 +73,17 @@ impl From<&AisBound> for NamedBound {
 /// A density model alone cannot separate a poor encoder from a poor fit; a bracket can. The truth lies between the
 /// largest lower bound (decoder, [`LowerBound`], or AIS, [`AisBound`]) and the smallest upper bound (density model,
 /// Gaussian, object entropy or AIS).
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// use lenslet_studio::information::BoundMethod;
+///
+/// let lower = NamedBound { from: BoundMethod::Decoder, bits_per_pixel: 0.25, interval_95: [0.24, 0.26] };
+/// let uppers = vec![NamedBound::exact(BoundMethod::EntropyBound, 0.41), NamedBound::exact(BoundMethod::Density, 0.5)];
+/// let bracket = Bracket::new(uppers, vec![lower]).expect("an upper bound");
+/// assert_eq!((bracket.lower, bracket.upper), (Some(0.25), 0.41));
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bracket {
     /// Lower bound, bits per pixel; `None` for objects with an unknown prior.
