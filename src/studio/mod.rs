@@ -4,13 +4,14 @@
 //! |---|---|
 //! | `widgets` | number fields, modal dialogs, names of controls, clipboard; know nothing of designs |
 //! | `canvas` | images on screen: colours, display range, zoom, overlays |
-//! | `state` | the data that panels and dialogs show, the actions, the requests of panels |
+//! | `state` | plain data: the state of each panel and dialog, the view of everything else, the requests; no widgets |
 //! | `panels` | one file per panel; `parts` are what several panels are made of |
 //! | `dialogs` | dialogs in front of the window |
-//! | `app` | the window itself: menus, layout, dispatch of actions, files of the application |
+//! | `app` | the window itself: the whole state, menus, layout, dispatch of requests, files of the application |
 //!
-//! Imports only go down, and panels do not import each other. In each frame results are loaded into the state. Panels and
-//! dialogs draw it and request actions, and `app::dispatch` runs the actions.
+//! Imports only go down, and panels do not import each other. In each frame results are loaded into the state. A panel or
+//! dialog gets its own part of the state to change, a `View` of the rest to read, and a list for its requests.
+//! `app::dispatch` serves the requests of each panel before the next one is drawn.
 
 pub(crate) mod app;
 pub(crate) mod canvas;

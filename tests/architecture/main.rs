@@ -134,6 +134,11 @@ impl House {
             return None;
         }
         if own[0] == target[0] {
+            let is_panel =
+                |parts: &[String]| parts.len() > 2 && parts[..2] == ["studio", "panels"] && parts[2] != "parts";
+            if is_panel(&target) && own[1] == "panels" && own.len() > 2 && own[2] != target[2] {
+                return Some(format!("{} may not import {}: panels do not know each other", own[2], target[2]));
+            }
             let (folder, order) = ORDER.iter().find(|(folder, _)| *folder == own[0])?;
             let place =
                 |parts: &[String]| order.iter().position(|part| Some(*part) == parts.get(1).map(String::as_str));
@@ -267,6 +272,7 @@ fn violations_are_found() {
         ("workbench/live/mod.rs", "pub struct Live;"),
         ("cli/mod.rs", "pub fn run() {}"),
         ("studio/mod.rs", "pub fn open_window() {}"),
+        ("studio/panels/mtf.rs", "pub fn show() {}"),
     ];
     let with = |path: &str, source: &str| {
         let mut files: Vec<(&str, &str)> = others.iter().filter(|(other, _)| *other != path).copied().collect();
@@ -282,6 +288,8 @@ fn violations_are_found() {
         ("workbench/document/a.rs", "use super::super::live::Live;", 1),
         ("workbench/document/a.rs", "use egui::Color32;", 1),
         ("studio/app/a.rs", "use crate::cli::run;", 1),
+        ("studio/panels/mask.rs", "use crate::studio::panels::mtf::show;", 1),
+        ("studio/panels/parts/a.rs", "use crate::studio::panels::mtf::show;", 1),
         ("main.rs", "use eframe::App;", 1),
         ("optics/psf.rs", "fn f() { println!(\"{}\", crate::cli::run()); }", 1),
         ("sparsity.rs", "use super::optics::Encoder;", 1),

@@ -48,8 +48,8 @@ fn typed_path_survives_missing_or_cancelled_dialog() {
             .env("DBUS_SESSION_BUS_ADDRESS", "unix:path=/nowhere")
             .output()
             .unwrap();
-        let (told, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-        assert!(output.status.success() && told.contains("1 passed"), "{told}\n{errors}");
+        let (report, errors) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success() && report.contains("1 passed"), "{report}\n{errors}");
         return;
     };
     let chosen = programs.join("chosen.json");

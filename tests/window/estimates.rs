@@ -62,8 +62,11 @@ fn live_estimate_follows_edits_and_can_be_switched_off() {
     });
     let edit = studio(&window).session().estimates().live.unwrap().value.edit.unwrap();
     assert!(edit.is_clear() && edit.bits_per_pixel < -0.03, "{edit:?}");
-    let told = format!("{:+.4} [", edit.bits_per_pixel);
-    assert!(window.query_by_label("Last edit").is_some() && window.query_by_label_contains(&told).is_some(), "{told}");
+    let change = format!("{:+.4} [", edit.bits_per_pixel);
+    assert!(
+        window.query_by_label("Last edit").is_some() && window.query_by_label_contains(&change).is_some(),
+        "{change}"
+    );
     click(&mut window, "Arrows");
     menu(&mut window, &["View", "Live estimate"]);
     assert!(!studio(&window).session().is_live());
@@ -309,6 +312,6 @@ fn camera_images_are_estimated() {
     // Unreadable files are reported.
     std::fs::write(&path, b"no images").unwrap();
     click(&mut window, "Estimate images");
-    let told = |window: &Window| window.query_all_by_label_contains("seen.npy: expected an").next().is_some();
-    wait_for(&mut window, "the refusal", told);
+    let is_refused = |window: &Window| window.query_all_by_label_contains("seen.npy: expected an").next().is_some();
+    wait_for(&mut window, "the refusal", is_refused);
 }

@@ -6,6 +6,7 @@ mod estimates;
 mod files;
 mod golden;
 mod home;
+mod keyboard;
 mod mask;
 mod messages;
 mod numbers;
@@ -195,7 +196,7 @@ fn objects_open_by_typed_path_and_broken_files_are_refused() {
     assert_eq!(studio(&window).session().design().objects, ObjectSource::Idx(good.clone()));
     let live = studio(&window).session().live();
     assert!(live.failure.is_none());
-    assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of pictures is not known");
+    assert!(live.information.unwrap().value.ceiling.is_none(), "the entropy of images is not known");
 
     // The same file with other images is read again.
     let read = live.scene.unwrap();
@@ -265,14 +266,14 @@ fn export_asks_before_replacing_files() {
     settle(&mut window);
     assert_ne!(std::fs::read(&psf).unwrap(), first);
     // The name of an image gets its extension, and the question names it.
-    let picture = folder.path().join("measured.png");
+    let image = folder.path().join("measured.png");
     for written in [false, true] {
-        assert_eq!(picture.is_file(), written);
+        assert_eq!(image.is_file(), written);
         menu(&mut window, &["File", "Export view", "Measurement..."]);
         answer(&mut window, &folder.path().join("measured"), "Export");
-        assert!(picture.is_file());
+        assert!(image.is_file());
     }
-    window.get_by_label(&format!("{} already exists. Replace it?", picture.display()));
+    window.get_by_label(&format!("{} already exists. Replace it?", image.display()));
 }
 
 #[test]
@@ -361,10 +362,10 @@ fn dropped_files_are_opened() {
     assert_eq!(**studio(&window).session().design(), design);
 
     // An image may be a PSF or an object: the window asks.
-    let picture = folder.path().join("spot.npy");
+    let image = folder.path().join("spot.npy");
     let spot = ndarray::Array2::from_shape_fn((16, 16), |(row, col)| ((row * col) % 7) as f32);
-    lenslet_studio::formats::write_array(&picture, spot.view()).unwrap();
-    drop(&mut window, picture);
+    lenslet_studio::formats::write_array(&image, spot.view()).unwrap();
+    drop(&mut window, image);
     click(&mut window, "As PSF");
     settle(&mut window);
     assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
@@ -383,18 +384,18 @@ fn unused_dropped_files_are_named() {
         window.run_steps(3);
     };
     // All images of a folder are one set of objects.
-    let pictures: Vec<_> = (0..8).map(|number| folder.path().join(format!("{number}.npy"))).collect();
-    for (number, path) in pictures.iter().enumerate() {
-        let picture = ndarray::Array2::from_elem((32, 32), 1.0 + number as f32);
-        lenslet_studio::formats::write_array(path, picture.view()).unwrap();
+    let images: Vec<_> = (0..8).map(|number| folder.path().join(format!("{number}.npy"))).collect();
+    for (number, path) in images.iter().enumerate() {
+        let image = ndarray::Array2::from_elem((32, 32), 1.0 + number as f32);
+        lenslet_studio::formats::write_array(path, image.view()).unwrap();
     }
-    drop(&mut window, &pictures);
+    drop(&mut window, &images);
     window.get_by_label("Use 8 images");
     click(&mut window, "As objects");
     settle(&mut window);
     assert_eq!(studio(&window).session().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
     // Some images of a folder are not a set. Unused files are named.
-    drop(&mut window, &pictures[2..5]);
+    drop(&mut window, &images[2..5]);
     window.get_by_label_contains("Only 2.npy can be used");
     click(&mut window, "2.npy as PSF");
     settle(&mut window);

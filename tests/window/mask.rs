@@ -159,13 +159,8 @@ fn shift_click_toggles_selection_and_space_keeps_it() {
 fn right_button_neither_moves_nor_selects() {
     let mut window = open(Design::default());
     let start = lenslets(&window);
-    let picture = window.get_by_label("PSF").rect();
-    drag(
-        &mut window,
-        picture.left_top() + Vec2::splat(3.0),
-        picture.size() - Vec2::splat(7.0),
-        PointerButton::Secondary,
-    );
+    let image = window.get_by_label("PSF").rect();
+    drag(&mut window, image.left_top() + Vec2::splat(3.0), image.size() - Vec2::splat(7.0), PointerButton::Secondary);
     let from = window.get_by_label("Lenslet 5").rect().center();
     drag(&mut window, from, Vec2::new(40.0, -24.0), PointerButton::Secondary);
     settle(&mut window);
@@ -176,8 +171,8 @@ fn right_button_neither_moves_nor_selects() {
 #[test]
 fn box_selection_moves_together() {
     let mut window = open(Design::default());
-    let picture = window.get_by_label("PSF").rect();
-    drag(&mut window, picture.left_top() + Vec2::splat(3.0), picture.size() - Vec2::splat(7.0), PointerButton::Primary);
+    let image = window.get_by_label("PSF").rect();
+    drag(&mut window, image.left_top() + Vec2::splat(3.0), image.size() - Vec2::splat(7.0), PointerButton::Primary);
     window.get_by_label("9 selected");
     let before = lenslets(&window);
     let from = window.get_by_label("Lenslet 2").rect().center();

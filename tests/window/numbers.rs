@@ -37,7 +37,7 @@ fn type_half(window: &mut Window, field: &str, text: &str) {
 }
 
 /// Whether a shown text contains `text`.
-fn told(window: &Window, text: &str) -> bool {
+fn shows(window: &Window, text: &str) -> bool {
     window.query_all_by_label_contains(text).next().is_some()
 }
 
@@ -114,7 +114,7 @@ fn rejection_message_names_old_number() {
         window.key_press(Key::Enter);
         window.run_steps(3);
         let said: Vec<_> = window.query_all_by_label_contains(field).map(|node| node.value()).collect();
-        assert!(told(&window, sentence), "{sentence} in {said:?}");
+        assert!(shows(&window, sentence), "{sentence} in {said:?}");
     }
     // The unit may be typed, with or without its blank.
     for (text, x) in [("12,5 px", 12.5), ("13px", 13.0), ("\u{2212}0 px", 0.0)] {
@@ -133,7 +133,7 @@ fn number_counts_when_committed_and_escape_cancels() {
         type_half(&mut window, &format!("Lenslet {} weight", index + 1), "0");
         window.get_by_label(&format!("Lenslet {} weight", index + 1)).type_text(",46");
         window.run_steps(2);
-        assert_eq!((lenslets(&window)[index].weight, told(&window, "every lenslet")), (before[index].weight, false));
+        assert_eq!((lenslets(&window)[index].weight, shows(&window, "every lenslet")), (before[index].weight, false));
         window.key_press(Key::Escape);
         window.run_steps(3);
         assert_eq!(lenslets(&window)[index], before[index], "it was taken back");
@@ -159,7 +159,7 @@ fn number_counts_when_committed_and_escape_cancels() {
         weights.push(lenslets(&window)[0].weight);
     }
     assert_eq!(weights, [0.49, 0.48, 0.47, 0.46, before[0].weight]);
-    assert!(!told(&window, "every lenslet"));
+    assert!(!shows(&window, "every lenslet"));
 }
 
 #[test]

@@ -244,7 +244,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
 }
 
 #[test]
-fn a_run_starts_from_a_layout_or_a_seed_and_ends_where_it_is_told() {
+fn run_starts_from_a_layout_or_a_seed_and_ends_after_its_steps() {
     let mut window = open_sized(Design::default(), Vec2::new(1280.0, 1400.0));
     for name in ["Optimize", "Details", "16 px", "Start from", "Heuristic layout"] {
         click(&mut window, name);

@@ -34,7 +34,7 @@ fn status_of(window: &Window, image: &str) -> String {
 }
 
 /// Column and row of an image in the status bar.
-fn pixel_told(text: &str, image: &str) -> (i64, i64) {
+fn pixel_named(text: &str, image: &str) -> (i64, i64) {
     let start = text.find(&format!("{image}  x ")).unwrap() + image.len() + 4;
     let mut numbers = text[start..].split(|c: char| !c.is_ascii_digit() && c != '-').filter(|part| !part.is_empty());
     let mut next = || numbers.next().unwrap().parse().unwrap();
@@ -49,12 +49,12 @@ fn wheel_zooms_around_pointer_and_double_click_resets() {
     assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
     window.hover_at(place);
     window.run_steps(2);
-    let before = pixel_told(&status_of(&window, "Object"), "Object");
+    let before = pixel_named(&status_of(&window, "Object"), "Object");
     turn(&mut window, place, 5.0, Modifiers::NONE);
     let (zoom, x, y) = view_of(&window, "Object");
     assert!((zoom - 1.0_f64.exp()).abs() < 0.05, "five notches of 40 points: {zoom}");
     assert!(x < 40.0 && y > 50.0, "towards the pointer: {x} {y}");
-    assert_eq!(pixel_told(&status_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
+    assert_eq!(pixel_named(&status_of(&window, "Object"), "Object"), before, "the pixel under the pointer stays");
     // The button exists only while the image is zoomed.
     click(&mut window, "Fit Object");
     assert_eq!(view_of(&window, "Object"), (1.0, 47.5, 47.5));
@@ -120,9 +120,9 @@ fn object_and_measurement_are_linked_until_unlinked() {
     let object = view_of(&window, "Object");
     assert_eq!((object.0, (object.1 - x - 15.0).abs() < 0.02, (object.2 - y - 15.0).abs() < 0.02), (zoom, true, true));
     // The status bar shows both values, at corresponding positions.
-    let told = status_of(&window, "Measurement");
-    let (col, row) = pixel_told(&told, "Measurement");
-    assert_eq!(pixel_told(&told, "Object"), (col + 15, row + 15), "{told}");
+    let status = status_of(&window, "Measurement");
+    let (col, row) = pixel_named(&status, "Measurement");
+    assert_eq!(pixel_named(&status, "Object"), (col + 15, row + 15), "{status}");
     let description = |window: &Window, name: &str| {
         window.get_by_role_and_label(Role::Image, name).accesskit_node().description().unwrap_or_default()
     };
@@ -139,9 +139,9 @@ fn object_and_measurement_are_linked_until_unlinked() {
     let whole = rect_of(&window, "Object");
     window.hover_at(whole.center());
     window.run_steps(3);
-    let told = status_of(&window, "Object");
-    let (col, row) = pixel_told(&told, "Object");
-    assert_eq!(pixel_told(&told, "Measurement"), (col - 15, row - 15), "{told}");
+    let status = status_of(&window, "Object");
+    let (col, row) = pixel_named(&status, "Object");
+    assert_eq!(pixel_named(&status, "Measurement"), (col - 15, row - 15), "{status}");
     assert!(description(&window, "Measurement").contains("cursor of the other view"));
     window.hover_at(whole.min + vec2(4.0, 4.0));
     window.run_steps(3);
@@ -348,13 +348,13 @@ fn spectrum_is_drawn_and_exported() {
 #[test]
 fn information_is_overlaid_on_measurement() {
     let mut window = open_window(Design::default(), vec2(1280.0, 800.0), Theme::Dark, true);
-    let told = |window: &Window| {
+    let overlay = |window: &Window| {
         let node = window.get_by_role_and_label(Role::Image, "Measurement");
         node.accesskit_node().description().filter(|text| text.starts_with("information overlay up to "))
     };
-    assert_eq!(told(&window), None);
+    assert_eq!(overlay(&window), None);
     click(&mut window, "Information over the measurement");
-    wait_for(&mut window, "the map", |window| told(window).is_some());
+    wait_for(&mut window, "the map", |window| overlay(window).is_some());
     let closer = studio(&window).session().live().closer.unwrap();
     let map = closer.map.as_ref().unwrap();
     assert_eq!(map.dim(), (65, 65), "all of the measurement, not one patch of it");
@@ -364,10 +364,10 @@ fn information_is_overlaid_on_measurement() {
     // The map belongs to the shown measurement.
     click(&mut window, "Next measurement");
     wait_for(&mut window, "the map of the next one", |window| {
-        told(window).is_some() && studio(window).session().live().closer.unwrap().key.sample == 1
+        overlay(window).is_some() && studio(window).session().live().closer.unwrap().key.sample == 1
     });
     click(&mut window, "Information over the measurement");
-    assert_eq!(told(&window), None);
+    assert_eq!(overlay(&window), None);
 }
 
 #[test]

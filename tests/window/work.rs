@@ -103,9 +103,9 @@ fn stale_numbers_are_marked_and_not_exported() {
     click(&mut window, "Import PSF...");
     answer(&mut window, &file, "Import");
     let live = studio(&window).session().live();
-    let (revision, told) = live.failure.unwrap();
-    assert_eq!(revision, studio(&window).session().revision(), "{told}");
-    assert!(live.measurements.unwrap().revision < revision && window.query_all_by_label(&told).next().is_some());
+    let (revision, failure) = live.failure.unwrap();
+    assert_eq!(revision, studio(&window).session().revision(), "{failure}");
+    assert!(live.measurements.unwrap().revision < revision && window.query_all_by_label(&failure).next().is_some());
     assert!(is_stale(&window));
     let numbers: serde_json::Value = serde_json::from_str(&copied(&mut window, "Copy numbers as JSON")).unwrap();
     assert_eq!((numbers["current"].as_bool(), numbers["sensor_tamura"].as_f64()), (Some(false), None));
@@ -114,7 +114,7 @@ fn stale_numbers_are_marked_and_not_exported() {
     assert!(!can_export(&window));
     window.key_press_modifiers(Modifiers::COMMAND, Key::Z);
     settle(&mut window);
-    assert!(!is_stale(&window) && window.query_all_by_label(&told).next().is_none());
+    assert!(!is_stale(&window) && window.query_all_by_label(&failure).next().is_none());
     assert!(studio(&window).session().live().failure.is_none());
 }
 
@@ -386,8 +386,8 @@ fn panel_is_exported_as_image() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("compare.png");
     answer(&mut window, &file, "Export");
-    let picture = lenslet_studio::formats::read_grey(&file).unwrap();
-    let (rows, cols) = picture.dim();
+    let image = lenslet_studio::formats::read_grey(&file).unwrap();
+    let (rows, cols) = image.dim();
     assert!((200..800).contains(&rows) && (200..800).contains(&cols), "{rows} x {cols}: a panel, not the window");
 }
 

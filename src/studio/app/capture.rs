@@ -5,13 +5,15 @@ use std::sync::mpsc::{TryRecvError, channel};
 use egui::{Rect, Ui};
 use ndarray::Array3;
 
-use crate::studio::state::app_state::State;
+use crate::studio::app::state::State;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
+use crate::studio::state::window_layout::VisiblePanel;
 use crate::studio::widgets::controls::name_widget;
 
 /// Advances a requested capture. Call once per frame.
 pub fn advance(ctx: &egui::Context, state: &mut State) {
-    let Some(capture) = &mut state.capture.pending else { return };
+    let Some(capture) = &mut state.layout.capture else { return };
     if capture.wait > 0 {
         capture.wait -= 1;
         ctx.request_repaint();
@@ -31,11 +33,11 @@ pub fn advance(ctx: &egui::Context, state: &mut State) {
     match pending_image.try_recv() {
         Ok(image) => {
             let name = capture.name;
-            state.capture.pending = None;
-            state.path_dialog.ask(PathPurpose::ExportPicture { name, image }, state.session.path());
+            state.layout.capture = None;
+            state.dialogs.path.ask(PathPurpose::ExportPanel { name, image }, state.session.path());
         }
         Err(TryRecvError::Empty) => {}
-        Err(TryRecvError::Disconnected) => state.capture.pending = None,
+        Err(TryRecvError::Disconnected) => state.layout.capture = None,
     }
 }
 
@@ -52,18 +54,14 @@ fn cut(screen: &egui::ColorImage, rect: Rect, scale: f32) -> Array3<u8> {
 }
 
 /// One menu entry per visible panel.
-pub fn menu(ui: &mut Ui, state: &mut State) {
-    let mut wanted = None;
-    for &(pane, _) in &state.panel_rects {
+pub fn menu(ui: &mut Ui, visible: &[VisiblePanel], requests: &mut Vec<Request>) {
+    for &VisiblePanel { pane, .. } in visible {
         let response = ui.button(pane.title());
         name_widget(&response, &format!("Image of {}", pane.title()));
         if response.clicked() {
-            wanted = Some(pane);
+            requests.push(Request::Capture(pane));
             ui.close();
         }
-    }
-    if let Some(pane) = wanted {
-        state.capture.request(&state.panel_rects, pane);
     }
 }
 

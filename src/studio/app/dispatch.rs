@@ -1,40 +1,131 @@
-//! Runs the actions of menus, shortcuts, palette, panels and dialogs.
+//! Runs the actions of menus, shortcuts and palette, and serves the requests of panels and dialogs.
 
-use crate::optics::{Diffuser, Encoder, depth_layout, heuristic_layout, random_layout};
-use crate::plural::counted;
-use crate::studio::state::action::{Action, Preset};
-use crate::studio::state::app_state::{LayoutRequest, State, Transition};
-use crate::studio::state::copied_numbers;
-use crate::studio::state::open_dialogs::{ActionPalette, SettingsDialog};
+use crate::studio::app::state::State;
+use crate::studio::state::action::Action;
+use crate::studio::state::copied_numbers::numbers_json;
+use crate::studio::state::dialogs::{ActionPalette, SettingsDialog};
+use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
-use crate::studio::state::request::Request;
-use crate::workbench::{Command, Job, Session, bounds_command, reproduce_command};
+use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting};
+use crate::studio::state::transition::Transition;
+use crate::studio::state::window_layout::LayoutRequest;
+use crate::workbench::{Recovered, Session};
 
-/// Serves a request of a panel.
-pub fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
+/// Serves the requests of a panel or a dialog, in order.
+pub fn serve_all(requests: Vec<Request>, ctx: &egui::Context, state: &mut State) {
+    for request in requests {
+        serve(request, ctx, state);
+    }
+}
+
+fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
     match request {
+        Request::Do(action) => {
+            run(action, ctx, state);
+            // Panels that are drawn already show the effect in the next frame.
+            ctx.request_repaint();
+        }
         Request::Change(command) => state.send(&command),
         Request::ChangeBy(edit, command) => state.send_edit(edit, &command),
         Request::ChangeInOneStep(command) => {
             state.session.begin_step();
             state.send(&command);
         }
-        Request::AskPath(purpose) => state.path_dialog.ask(purpose, state.session.path()),
-        Request::Copy { text, what } => state.copy(ctx, text, what),
+        Request::ToggleLocks(lenslets) => state.locks.toggle(&lenslets),
+        Request::OpenSnapshot(number) => state.open_snapshot(number),
+        Request::Transition(what) => state.request_transition(ctx, what),
+        Request::Confirmed(what) => state.perform_transition(ctx, what),
+        Request::Recover(design) => recover(*design, state),
+        Request::OpenObjects(source) => state.session.open_objects(source),
+        Request::ImportPsf(path) => state.session.import_psf(path, None),
+        Request::Run(request) => serve_run(request, state),
+        Request::Estimates(request) => serve_estimates(request, state),
+        Request::Inspect => state.inspect(),
+        Request::Submit(job) => state.session.submit(job),
         Request::StopJob(activity) => state.session.stop(&activity),
+        Request::StopReading => state.session.cancel(),
+        Request::ToggleJobs => state.dialogs.jobs_open = !state.dialogs.jobs_open,
+        Request::AskPath(purpose) => state.dialogs.path.ask(purpose, state.session.path()),
+        Request::UsePath(question) => state.use_path(*question),
+        Request::Copy { text, what } => state.copy(ctx, text, what),
+        Request::CopyCommand(command) => state.copy_command(ctx, command),
+        Request::Describe(text) => state.hover = Some(text),
+        Request::Notify(severity, text) => state.messages.push(severity, text),
+        Request::Capture(pane) => state.layout.capture(pane),
+        Request::Set(setting) => set(setting, state),
     }
+}
+
+/// Serves a request about the run.
+pub fn serve_run(request: RunRequest, state: &mut State) {
+    match request {
+        RunRequest::Pause(pause) => state.session.pause_run(pause),
+        RunRequest::Extend(steps) => {
+            let extended = state.session.extend_run(steps);
+            if extended.is_ok() {
+                state.panels.optimize.show_newest();
+            }
+            state.report(extended);
+        }
+        RunRequest::Follow(follow) => state.session.follow_run(follow),
+        RunRequest::Preview { array, start, follow } => {
+            state.session.follow_run(follow);
+            state.go(|session| session.preview(&array, &start));
+        }
+        RunRequest::Compare => {
+            let compared = state.session.compare_result();
+            state.report(compared);
+        }
+    }
+}
+
+fn serve_estimates(request: EstimatesRequest, state: &mut State) {
+    let session = &state.session;
+    let started = match request {
+        EstimatesRequest::Start(request) => session.order_estimate(request),
+        EstimatesRequest::StartOfImages(images, request) => session.order_estimate_of_images(images, request),
+        EstimatesRequest::Cancel => return session.cancel_estimate(),
+        EstimatesRequest::Delete(finished) => return session.delete_estimate(&finished),
+        EstimatesRequest::Restore => return session.bring_back_estimate(),
+    };
+    state.report(started);
+}
+
+fn set(setting: Setting, state: &mut State) {
+    let preferences = &mut state.preferences;
+    match setting {
+        Setting::Live(live) => state.session.set_live(live),
+        Setting::LinkViews(linked) => preferences.link_views = linked,
+        Setting::Threads(count) => {
+            preferences.threads = count;
+            state.session.set_threads(count);
+        }
+        Setting::Engine(engine) => preferences.engine = engine,
+        Setting::Renderer(renderer) => preferences.renderer = renderer,
+        Setting::UnsavedFolder(folder) => state.move_unsaved(folder),
+        Setting::Welcomed => preferences.welcomed = true,
+        Setting::ClearRecent => preferences.recent.clear(),
+    }
+}
+
+fn recover(design: Recovered, state: &mut State) {
+    state.session.recover(design);
+    state.panels.selection.clear();
+    // A recovered design replaces the welcome dialog.
+    state.dialogs.onboarding.welcome = false;
+    state.preferences.welcomed = true;
+    state.messages.push(Severity::Done, "Design recovered; save it to keep it");
 }
 
 /// Runs an action.
 pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
-    let beside = state.session.path().map(ToOwned::to_owned);
-    let mut ask = |purpose| state.path_dialog.ask(purpose, beside.as_deref());
+    let mut ask = |purpose| state.dialogs.path.ask(purpose, state.session.path());
     match action {
         Action::New => state.request_transition(ctx, Transition::New),
         Action::Open => state.request_transition(ctx, Transition::Open),
-        Action::Save => match &beside {
-            Some(path) => state.session.save_to(path.clone()),
+        Action::Save => match state.session.path() {
+            Some(path) => state.session.save_to(path.to_owned()),
             None => ask(PathPurpose::SaveAs),
         },
         Action::SaveAs => ask(PathPurpose::SaveAs),
@@ -45,12 +136,12 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         Action::ExportMeasurements => ask(PathPurpose::ExportMeasurements),
         Action::Undo => state.go(Session::undo),
         Action::Redo => state.go(Session::redo),
-        Action::SelectAll => state.selection = (0..state.lenslet_count()).collect(),
+        Action::SelectAll => state.panels.selection.set(0..state.lenslet_count()),
         Action::Delete => state.delete_selection(),
         Action::AddLenslet => state.add_lenslet(),
         Action::StartRun => {
             state.request_transition(ctx, Transition::Run);
-            state.layout_request = Some(LayoutRequest::Show(Pane::Optimize));
+            state.layout.ask(LayoutRequest::Show(Pane::Optimize));
         }
         Action::StopRun => state.session.stop_run(),
         Action::Accept => {
@@ -67,68 +158,42 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         Action::EndPreview => state.go(Session::end_preview),
         Action::KeepSnapshot => {
             state.keep_snapshot();
-            state.layout_request = Some(LayoutRequest::Show(Pane::Compare));
+            state.layout.ask(LayoutRequest::Show(Pane::Compare));
         }
-        Action::Preset(preset) => put(preset, state),
-        Action::Show(pane) => state.layout_request = Some(LayoutRequest::Show(pane)),
-        Action::ResetLayout => state.layout_request = Some(LayoutRequest::Reset),
-        Action::RememberLayout(number) => state.layout_request = Some(LayoutRequest::Remember(number)),
-        Action::RecallLayout(number) => state.layout_request = Some(LayoutRequest::Recall(number)),
-        Action::Maximise => maximise(ctx, state),
-        Action::Palette => state.palette = Some(ActionPalette::default()),
-        Action::Shortcuts => state.settings_dialog = Some(SettingsDialog::Shortcuts),
-        Action::Settings => state.settings_dialog = Some(SettingsDialog::Settings),
-        Action::Welcome => state.onboarding.welcome = true,
+        Action::Preset(preset) => state.put_preset(preset),
+        Action::Show(pane) => state.layout.ask(LayoutRequest::Show(pane)),
+        Action::ResetLayout => state.layout.ask(LayoutRequest::Reset),
+        Action::RememberLayout(number) => state.layout.ask(LayoutRequest::Remember(number)),
+        Action::RecallLayout(number) => state.layout.ask(LayoutRequest::Recall(number)),
+        Action::Maximise => state.layout.toggle_maximised(ctx.pointer_latest_pos()),
+        Action::Palette => state.dialogs.palette = Some(ActionPalette::default()),
+        Action::Shortcuts => state.dialogs.settings = Some(SettingsDialog::Shortcuts),
+        Action::Settings => state.dialogs.settings = Some(SettingsDialog::Settings),
+        Action::Welcome => state.dialogs.onboarding.welcome = true,
         Action::Tour => {
-            state.onboarding.tour = Some(0);
-            state.layout_request = Some(LayoutRequest::Show(Pane::Mask));
+            state.dialogs.onboarding.tour = Some(0);
+            state.layout.ask(LayoutRequest::Show(Pane::Mask));
         }
-        Action::About => state.settings_dialog = Some(SettingsDialog::About),
-        Action::CopyNumbers => copied_numbers::copy_numbers(ctx, state),
+        Action::About => state.dialogs.settings = Some(SettingsDialog::About),
+        Action::CopyNumbers => {
+            let numbers = numbers_json(&state.parts().view);
+            match numbers {
+                Some(numbers) => state.copy(ctx, numbers, "Numbers"),
+                None => state.messages.push(Severity::Failure, "The numbers of this design are not computed yet"),
+            }
+        }
         Action::CopyCommand => {
-            let command = match (state.live_record(), &state.folder) {
-                (Some(record), Some(folder)) => {
-                    let path = folder.join("records").join(record.file_name());
-                    let command = reproduce_command(&path);
-                    state.session.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
-                    Ok(command)
-                }
-                _ => bounds_command(state.session.design()),
-            };
+            let command = state.command_of_numbers();
             state.copy_command(ctx, command);
         }
         Action::ExportLive => {
-            if let Some(record) = state.live_record() {
-                state.path_dialog.ask(PathPurpose::ExportLive(Box::new(record)), beside.as_deref());
+            let record = state.parts().view.live_record();
+            if let Some(record) = record {
+                state.dialogs.path.ask(PathPurpose::ExportLive(Box::new(record)), state.session.path());
             }
         }
-        Action::Jobs => state.jobs_open = true,
+        Action::Jobs => state.dialogs.jobs_open = true,
         Action::Messages => state.messages.log_open = true,
         Action::Quit => ctx.send_viewport_cmd(egui::ViewportCommand::Close),
     }
-}
-
-/// Replaces the mask by a preset.
-fn put(preset: Preset, state: &mut State) {
-    let seed = state.session.design().seed;
-    let (name, encoder) = match preset {
-        Preset::Heuristic(count) => (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count))),
-        Preset::Random => {
-            let draw = state.next_random_start(seed);
-            (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
-        }
-        Preset::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))),
-        Preset::Diffuser(aperture_px) => {
-            (format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(Diffuser { aperture_px, seed }))
-        }
-    };
-    state.send(&Command::ReplaceEncoder { name, encoder });
-}
-
-/// Maximizes the panel under the pointer, or else the mask; restores all panels if one is maximized.
-fn maximise(ctx: &egui::Context, state: &mut State) {
-    let pointer = ctx.pointer_latest_pos();
-    let under = state.panel_rects.iter().find(|(_, rect)| pointer.is_some_and(|at| rect.contains(at)));
-    let wanted = under.map_or(Pane::Mask, |(pane, _)| *pane);
-    state.maximised = if state.maximised.is_none() { Some(wanted) } else { None };
 }

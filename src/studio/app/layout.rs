@@ -7,13 +7,13 @@ use egui_tiles::{
 };
 
 use crate::studio::app::dispatch;
-use crate::studio::panels::scene::{self, SceneView};
+use crate::studio::app::state::{Parts, State};
 use crate::studio::panels::{
-    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, samples,
+    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, samples, scene,
 };
-use crate::studio::state::app_state::State;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::request::Request;
+use crate::studio::state::window_layout::VisiblePanel;
 
 /// The default layout: mask and lenslets, object and measurement, numbers.
 pub fn default_layout() -> Tree<Pane> {
@@ -116,54 +116,47 @@ pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
             && !egui::Popup::is_any_open(ui.ctx())
             && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
         if back.clicked() || escape {
-            state.maximised = None;
+            state.layout.maximised = None;
         }
     });
     // A maximized panel is not dragged.
     let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
 }
 
-/// Draws the panels.
-pub struct PanelBehavior<'a>(pub &'a mut State);
-
-impl PanelBehavior<'_> {
-    /// Serves the requests of a panel.
-    fn serve(&mut self, ui: &egui::Ui, requests: impl IntoIterator<Item = Request>) {
-        for request in requests {
-            dispatch::serve(request, ui.ctx(), self.0);
-        }
+/// Shows a panel with its part of the state.
+fn show_panel(ui: &mut egui::Ui, pane: Pane, parts: Parts<'_>, requests: &mut Vec<Request>) {
+    let Parts { view, panels, edit_history, .. } = parts;
+    match pane {
+        Pane::Mask => mask::show(ui, &mut panels.mask, &mut panels.selection, &view, requests),
+        Pane::Lenslets => lenslets::show(ui, &mut panels.selection, &view, requests),
+        Pane::Object => samples::show_object(ui, &mut panels.samples, &view, requests),
+        Pane::Measurement => samples::show_measurement(ui, &mut panels.samples, &view, requests),
+        Pane::Scene => scene::show(ui, &view, requests),
+        Pane::Information => information::show(ui, &view, requests),
+        Pane::Mtf => mtf::show(ui, &mut panels.mtf, &view, requests),
+        Pane::History => history::show(ui, edit_history, requests),
+        Pane::Estimates => estimates::show(ui, &mut panels.estimates, &view, requests),
+        Pane::InformationMap => information_map::show(ui, &mut panels.map, &view, requests),
+        Pane::Optimize => optimize::show(ui, &mut panels.optimize, &view, requests),
+        Pane::Compare => compare::show(ui, &mut panels.compare, view.palettes, requests),
+        Pane::Unknown => {}
     }
 }
+
+/// Draws the panels.
+pub struct PanelBehavior<'a>(pub &'a mut State);
 
 impl Behavior<Pane> for PanelBehavior<'_> {
     fn pane_ui(&mut self, ui: &mut egui::Ui, _tile: TileId, pane: &mut Pane) -> UiResponse {
         let frame = egui::Frame::new().inner_margin(egui::Margin::symmetric(8, 6)).fill(ui.visuals().panel_fill);
         frame.show(ui, |ui| {
             ui.set_min_size(ui.available_size());
-            self.0.panel_rects.push((*pane, ui.max_rect().expand2(egui::vec2(8.0, 6.0))));
-            match pane {
-                Pane::Mask => mask::show(ui, self.0),
-                Pane::Lenslets => lenslets::show(ui, self.0),
-                Pane::Object => samples::show_object(ui, self.0),
-                Pane::Measurement => samples::show_measurement(ui, self.0),
-                Pane::Scene => {
-                    let design = self.0.session.design();
-                    let scene = SceneView { design, live: &self.0.live, failure: self.0.failure() };
-                    let requests = scene::show(ui, &scene);
-                    self.serve(ui, requests);
-                }
-                Pane::Information => information::show(ui, self.0),
-                Pane::Mtf => mtf::show(ui, self.0),
-                Pane::History => {
-                    let request = history::show(ui, &self.0.edit_history);
-                    self.serve(ui, request);
-                }
-                Pane::Estimates => estimates::show(ui, self.0),
-                Pane::InformationMap => information_map::show(ui, self.0),
-                Pane::Optimize => optimize::show(ui, self.0),
-                Pane::Compare => compare::show(ui, self.0),
-                Pane::Unknown => {}
-            }
+            let rect = ui.max_rect().expand2(egui::vec2(8.0, 6.0));
+            self.0.layout.visible.push(VisiblePanel { pane: *pane, rect });
+            let mut requests = Vec::new();
+            show_panel(ui, *pane, self.0.parts(), &mut requests);
+            // At once, so that panels below show the effect in this frame.
+            dispatch::serve_all(requests, ui.ctx(), self.0);
         });
         UiResponse::None
     }
@@ -173,7 +166,7 @@ impl Behavior<Pane> for PanelBehavior<'_> {
         if let Some(pane) = pane
             && response.double_clicked()
         {
-            self.0.maximised = Some(pane);
+            self.0.layout.maximised = Some(pane);
         }
         response.on_hover_text("Drag to move this panel; double-click to maximize it")
     }

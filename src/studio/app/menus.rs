@@ -3,53 +3,89 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use ndarray::CowArray;
+
 use crate::optics::DIFFUSER_APERTURES;
+use crate::studio::app::capture;
+use crate::studio::dialogs::settings_dialogs;
 use crate::studio::panels::parts::{action_entry, image_menu};
 use crate::studio::state::action::{Action, Preset};
-use crate::studio::state::app_state::{State, Transition};
+use crate::studio::state::image_panels::MtfMode;
+use crate::studio::state::pane::Pane;
+use crate::studio::state::panels::Panels;
+use crate::studio::state::request::{Request, Setting};
+use crate::studio::state::samples::{measurement_of, object_of};
+use crate::studio::state::transition::Transition;
+use crate::studio::state::view::View;
+use crate::studio::state::window_layout::VisiblePanel;
+use crate::workbench::Live;
 
 /// The File menu.
-pub fn file_menu(ui: &mut egui::Ui, state: &mut State) {
+pub fn file_menu(ui: &mut egui::Ui, panels: &Panels, view: &View<'_>, requests: &mut Vec<Request>) {
     for action in [Action::New, Action::Open] {
-        action_entry::entry(ui, state, action);
+        action_entry::entry(ui, view, requests, action);
     }
-    ui.add_enabled_ui(!state.preferences.recent.is_empty(), |ui| {
-        ui.menu_button("Open recent", |ui| recent_menu(ui, state));
+    ui.add_enabled_ui(!view.preferences.recent.is_empty(), |ui| {
+        ui.menu_button("Open recent", |ui| recent_menu(ui, view, requests));
     });
     for action in [Action::Save, Action::SaveAs] {
-        action_entry::entry(ui, state, action);
+        action_entry::entry(ui, view, requests, action);
     }
     ui.separator();
-    action_entry::entry(ui, state, Action::OpenObjects);
-    action_entry::entry(ui, state, Action::ImportPsf);
+    action_entry::entry(ui, view, requests, Action::OpenObjects);
+    action_entry::entry(ui, view, requests, Action::ImportPsf);
     ui.separator();
-    action_entry::entry(ui, state, Action::ExportDesign);
-    action_entry::entry(ui, state, Action::ExportMeasurements);
-    action_entry::entry(ui, state, Action::ExportLive);
-    ui.menu_button("Export view", |ui| {
-        image_menu::export_menu(ui, state);
-    });
+    action_entry::entry(ui, view, requests, Action::ExportDesign);
+    action_entry::entry(ui, view, requests, Action::ExportMeasurements);
+    action_entry::entry(ui, view, requests, Action::ExportLive);
+    ui.menu_button("Export view", |ui| export_view_menu(ui, panels, view, requests));
     ui.separator();
-    action_entry::entry(ui, state, Action::Quit);
+    action_entry::entry(ui, view, requests, Action::Quit);
+}
+
+/// One entry per image that shows the current revision.
+fn export_view_menu(ui: &mut egui::Ui, panels: &Panels, view: &View<'_>, requests: &mut Vec<Request>) {
+    let Live { optics, scene, measurements, .. } = view.live;
+    let map = view.estimates.live.as_ref();
+    let is_map_shown = panels.mtf.mode == MtfMode::Map;
+    let sample = panels.samples.shown;
+    let images = [
+        (&panels.mask.psf, optics.as_ref().map(|optics| (optics.revision, CowArray::from(&optics.value.image)))),
+        (&panels.samples.object, scene.as_ref().map(|scene| (scene.revision, object_of(&scene.value, sample.index)))),
+        (
+            &panels.samples.measurement,
+            measurements.as_ref().map(|known| (known.revision, measurement_of(&known.value, sample).into())),
+        ),
+        (
+            &panels.mtf.image,
+            optics
+                .as_ref()
+                .filter(|_| is_map_shown)
+                .map(|optics| (optics.revision, CowArray::from(&optics.value.mtf.map))),
+        ),
+        (&panels.map.image, map.map(|live| (live.revision, panels.map.map_of(&live.value).into()))),
+    ];
+    for (shown, image) in images {
+        let Some((_, image)) = image.filter(|(revision, _)| view.is_current(*revision)) else { continue };
+        if ui.button(format!("{}...", shown.name())).clicked() {
+            requests.push(image_menu::export(shown, image.view()));
+            ui.close();
+        }
+    }
 }
 
 /// Recent design files, newest first.
-fn recent_menu(ui: &mut egui::Ui, state: &mut State) {
-    let mut chosen = None;
-    for path in &state.preferences.recent {
-        if ui.button(short_name(path, &state.preferences.recent)).on_hover_text(path.display().to_string()).clicked() {
-            chosen = Some(path.clone());
+fn recent_menu(ui: &mut egui::Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    for path in &view.preferences.recent {
+        if ui.button(short_name(path, &view.preferences.recent)).on_hover_text(path.display().to_string()).clicked() {
+            requests.push(Request::Transition(Transition::OpenFile(path.clone())));
             ui.close();
         }
     }
     ui.separator();
     if ui.button("Clear list").clicked() {
-        state.preferences.recent.clear();
+        requests.push(Request::Set(Setting::ClearRecent));
         ui.close();
-    }
-    if let Some(path) = chosen {
-        let ctx = ui.ctx().clone();
-        state.request_transition(&ctx, Transition::OpenFile(path));
     }
 }
 
@@ -63,59 +99,100 @@ fn short_name(path: &Path, all: &[PathBuf]) -> String {
     }
 }
 
+/// The View menu. `visible` are the visible panels.
+pub fn view_menu(
+    ui: &mut egui::Ui,
+    visible: &[VisiblePanel],
+    shows_frame_times: &mut bool,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
+    ui.menu_button("Theme", |ui| {
+        if settings_dialogs::theme_choice(ui) {
+            ui.close();
+        }
+    });
+    ui.menu_button("Panel", |ui| {
+        for pane in Pane::ALL {
+            action_entry::entry(ui, view, requests, Action::Show(pane));
+        }
+    });
+    ui.menu_button("Layout", |ui| {
+        for action in Action::layouts() {
+            action_entry::entry(ui, view, requests, action);
+        }
+    });
+    action_entry::entry(ui, view, requests, Action::Maximise);
+    ui.menu_button("Export image of panel", |ui| capture::menu(ui, visible, requests));
+    let mut live = view.is_live;
+    if ui
+        .checkbox(&mut live, "Live estimate")
+        .on_hover_text("Fits a density model after every edit, with the processor time that the window leaves")
+        .clicked()
+    {
+        requests.push(Request::Set(Setting::Live(live)));
+        ui.close();
+    }
+    if ui.checkbox(shows_frame_times, "Frame times").clicked() {
+        ui.close();
+    }
+    action_entry::entry(ui, view, requests, Action::Jobs);
+    action_entry::entry(ui, view, requests, Action::Messages);
+}
+
 /// The Help menu.
-pub fn help_menu(ui: &mut egui::Ui, state: &mut State) {
+pub fn help_menu(ui: &mut egui::Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     for action in [Action::Palette, Action::Shortcuts, Action::Tour, Action::Welcome, Action::About] {
-        action_entry::entry(ui, state, action);
+        action_entry::entry(ui, view, requests, action);
     }
 }
 
 /// The Edit menu.
-pub fn edit_menu(ui: &mut egui::Ui, state: &mut State) {
-    let undoes = state.session.undoes().map(str::to_lowercase);
-    let redoes = state.session.redoes().map(str::to_lowercase);
+pub fn edit_menu(ui: &mut egui::Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    let undoes = view.undoes.map(str::to_lowercase);
+    let redoes = view.redoes.map(str::to_lowercase);
     for (action, step) in [(Action::Undo, undoes), (Action::Redo, redoes)] {
         let text = format!("{} {}", action.label(), step.as_deref().unwrap_or_default());
-        action_entry::entry_called(ui, state, action, text.trim_end());
+        action_entry::entry_called(ui, view, requests, action, text.trim_end());
     }
     ui.separator();
-    action_entry::entry(ui, state, Action::SelectAll);
-    action_entry::entry(ui, state, Action::Delete);
+    action_entry::entry(ui, view, requests, Action::SelectAll);
+    action_entry::entry(ui, view, requests, Action::Delete);
     ui.separator();
-    action_entry::entry(ui, state, Action::Accept);
-    action_entry::entry(ui, state, Action::OpenMask);
-    action_entry::entry(ui, state, Action::EndPreview);
-    action_entry::entry(ui, state, Action::KeepSnapshot);
-    action_entry::entry(ui, state, Action::CopyNumbers);
-    action_entry::entry(ui, state, Action::CopyCommand);
+    action_entry::entry(ui, view, requests, Action::Accept);
+    action_entry::entry(ui, view, requests, Action::OpenMask);
+    action_entry::entry(ui, view, requests, Action::EndPreview);
+    action_entry::entry(ui, view, requests, Action::KeepSnapshot);
+    action_entry::entry(ui, view, requests, Action::CopyNumbers);
+    action_entry::entry(ui, view, requests, Action::CopyCommand);
     ui.separator();
-    action_entry::entry(ui, state, Action::Settings);
+    action_entry::entry(ui, view, requests, Action::Settings);
 }
 
 /// The Presets menu: masks to start from.
-pub fn presets_menu(ui: &mut egui::Ui, state: &mut State) {
-    let preset = |ui: &mut egui::Ui, state: &mut State, preset: Preset, hint: &str| {
+pub fn presets_menu(ui: &mut egui::Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    let preset = |ui: &mut egui::Ui, requests: &mut Vec<Request>, preset: Preset, hint: &str| {
         let response = ui.button(preset.label());
         let response = if hint.is_empty() { response } else { response.on_hover_text(hint) };
         if response.clicked() {
-            state.act(Action::Preset(preset));
+            requests.push(Request::Do(Action::Preset(preset)));
             ui.close();
         }
     };
     ui.menu_button("Heuristic lenslets", |ui| {
         for count in 1..=9 {
-            preset(ui, state, Preset::Heuristic(count), "");
+            preset(ui, requests, Preset::Heuristic(count), "");
         }
     });
-    preset(ui, state, Preset::Random, "Drawn from the seed of the design; every use draws new ones");
-    preset(ui, state, Preset::Depth, "Each focused on a plane of its own, for volumes");
+    preset(ui, requests, Preset::Random, "Drawn from the seed of the design; every use draws new ones");
+    preset(ui, requests, Preset::Depth, "Each focused on a plane of its own, for volumes");
     ui.menu_button("Diffuser", |ui| {
         for aperture in DIFFUSER_APERTURES {
-            preset(ui, state, Preset::Diffuser(aperture), "");
+            preset(ui, requests, Preset::Diffuser(aperture), "");
         }
     });
-    action_entry::entry(ui, state, Action::ImportPsf);
-    action_entry::entry(ui, state, Action::FitLenslets);
+    action_entry::entry(ui, view, requests, Action::ImportPsf);
+    action_entry::entry(ui, view, requests, Action::FitLenslets);
 }
 
 #[cfg(test)]

@@ -11,22 +11,23 @@ use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
 use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
-use crate::studio::app::menus;
 use crate::studio::app::repaint_throttle::RepaintThrottle;
-use crate::studio::app::{capture, dispatch};
+use crate::studio::app::state::{Parts, State};
+use crate::studio::app::{capture, dispatch, menus};
 use crate::studio::canvas::pan_zoom::CLICK_REACH;
-use crate::studio::dialogs::confirm_discard;
+use crate::studio::dialogs::confirm_discard::{self, AtStake};
 use crate::studio::dialogs::dropped_files::{self, Dropped};
-use crate::studio::dialogs::{palette, path_dialog, recovery, settings_dialogs, welcome};
-use crate::studio::panels::jobs;
-use crate::studio::panels::parts::{action_entry, run_results};
-use crate::studio::panels::preview_banner;
-use crate::studio::panels::status_bar::{self, FrameTimes};
+use crate::studio::dialogs::settings_dialogs::{self, Environment};
+use crate::studio::dialogs::{palette, path_dialog, recovery, welcome};
+use crate::studio::panels::status_bar::{self, FrameTimes, StatusBar};
+use crate::studio::panels::{jobs, messages, preview_banner};
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::{LayoutRequest, State, Transition};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::preferences::{RendererChoice, ZOOM};
+use crate::studio::state::request::Request;
+use crate::studio::state::transition::Transition;
+use crate::studio::state::window_layout::LayoutRequest;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
@@ -113,7 +114,8 @@ impl Studio {
         self.state.session.set_threads(self.state.preferences.threads);
         match AppData::in_folder(folder, &self.state.preferences, layout.as_ref()) {
             Ok(app_data) => {
-                self.state.onboarding.welcome = !self.state.preferences.welcomed && self.state.session.path().is_none();
+                self.state.dialogs.onboarding.welcome =
+                    !self.state.preferences.welcomed && self.state.session.path().is_none();
                 self.app_data = Some(app_data);
                 self.state.folder = Some(folder.to_owned());
             }
@@ -144,7 +146,7 @@ impl Studio {
     fn read_kept_designs(&mut self, folder: &Path) {
         match Snapshots::read(&folder.join(SNAPSHOTS)) {
             Ok((snapshots, (broken, unlisted))) => {
-                self.state.snapshots = snapshots;
+                self.state.panels.compare.snapshots = snapshots;
                 if broken > 0 {
                     let (designs, they) = (counted(broken, "snapshot"), one_or_many(broken, "it is", "they are"));
                     self.notify(format!("{designs} could not be read; {they} left unchanged"));
@@ -183,16 +185,16 @@ impl Studio {
 
     /// Applies layout requests and writes changed application data.
     fn store_app_data(&mut self, ctx: &egui::Context) {
-        match self.state.layout_request.take() {
+        match self.state.layout.request.take() {
             Some(LayoutRequest::Show(pane)) => {
                 self.layout.make_active(|_, tile| matches!(tile, egui_tiles::Tile::Pane(found) if *found == pane));
-                if self.state.maximised.is_some() {
-                    self.state.maximised = Some(pane);
+                if self.state.layout.maximised.is_some() {
+                    self.state.layout.maximised = Some(pane);
                 }
             }
             Some(LayoutRequest::Reset) => {
                 self.layout = default_layout();
-                self.state.maximised = None;
+                self.state.layout.maximised = None;
             }
             Some(LayoutRequest::Remember(number)) => {
                 self.state.preferences.layouts.insert(number, self.layout.clone());
@@ -201,7 +203,7 @@ impl Studio {
             Some(LayoutRequest::Recall(number)) => {
                 if let Some(layout) = self.state.preferences.layouts.get(&number) {
                     self.layout = restored(layout.clone()).unwrap_or_else(default_layout);
-                    self.state.maximised = None;
+                    self.state.layout.maximised = None;
                 }
             }
             None => {}
@@ -211,7 +213,7 @@ impl Studio {
             state.messages.push(Severity::Failure, failure);
         }
         let Some(app_data) = &mut self.app_data else { return };
-        app_data.keep_designs(state.snapshots.changes(self.closing));
+        app_data.keep_designs(state.panels.compare.snapshots.changes(self.closing));
         state.preferences.theme = ctx.options(|options| options.theme_preference);
         // Shortcuts zoom beyond the stored range.
         state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());
@@ -236,19 +238,13 @@ impl Studio {
 
     /// Whether no dialog has the keyboard focus.
     fn takes_shortcuts(&self) -> bool {
-        !self.state.path_dialog.is_open()
-            && self.state.pending_transition.is_none()
-            && self.state.palette.is_none()
-            && self.state.settings_dialog.is_none()
-            && self.left_behind.is_empty()
-            && !self.dropped.is_open()
-            && !self.state.onboarding.welcome
+        !self.state.dialogs.is_one_in_front() && self.left_behind.is_empty() && !self.dropped.is_open()
     }
 
     /// Loads results, answers and shortcuts.
     pub fn logic(&mut self, ctx: &egui::Context) {
         let state = &mut self.state;
-        let waits_for_save = confirm_discard::waits_for_save(state);
+        let waits_for_save = state.waits_for_save();
         for outcome in state.session.take_outcomes() {
             report_outcome(state, &outcome);
         }
@@ -260,24 +256,9 @@ impl Studio {
         }
         let (down, pressed) = ctx.input(|input| (input.pointer.any_down(), input.pointer.primary_pressed()));
         state.session.note_pointer(down, pressed);
-        run_results::take_up(state);
-        state.live = state.session.live();
-        state.estimates = state.session.estimates();
-        // Masks of a run are no edits and would fill the history.
-        let current = |revision| revision == state.session.revision() && !state.session.is_previewing();
-        if let Some(information) = state.live.information.as_ref().filter(|known| current(known.revision)) {
-            let objects = state.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
-            state.edit_history.note(information.revision, &information.value, state.session.design(), &objects);
-        }
-        if let Some(live) = &state.estimates.live {
-            state.edit_history.note_live(live.revision, live.value.bits_per_pixel);
-        }
-        state.snapshots.take_up(&state.live, &state.estimates);
-        let count = state.lenslet_count();
-        state.selection.retain(|&index| index < count);
-        // Locks belong to the open design, even during a preview.
-        state.locks.check(state.session.lenslets());
-        if !waits_for_save && confirm_discard::after_save(ctx, state) {
+        sync_run(state);
+        state.load_results();
+        if !waits_for_save && state.transit_after_save(ctx) {
             self.close();
         }
         if ctx.input(|input| input.viewport().close_requested()) && !self.closing {
@@ -296,7 +277,9 @@ impl Studio {
                 }
             }
         }
-        self.dropped.take(ctx, &mut self.state);
+        let mut requests = Vec::new();
+        self.dropped.take(ctx, &mut requests);
+        dispatch::serve_all(requests, ctx, &mut self.state);
         self.store_app_data(ctx);
         let named = format!("{} {}", file_name(self.state.session.path()), self.state.session.design().objects);
         if named != self.named {
@@ -322,101 +305,104 @@ impl Studio {
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
         capture::advance(ui.ctx(), &mut self.state);
-        Panel::top("menu").show(ui, |ui| self.menu_bar(ui));
-        self.state.messages.banner(ui);
-        preview_banner::show(ui, &mut self.state);
+        let mut requests = Vec::new();
+        Panel::top("menu").show(ui, |ui| self.menu_bar(ui, &mut requests));
+        messages::banner(ui, &mut self.state.messages);
+        let can_accept = self.state.session.can_accept();
+        preview_banner::show(ui, can_accept, &self.state.parts().view, &mut requests);
         // The status bar shows the value under the pointer, which the panels find: its space is allocated first, its text drawn
         // last.
         let status = Panel::bottom("status").exact_size(24.0).show(ui, |ui| ui.available_rect_before_wrap()).inner;
-        self.state.panel_rects.clear();
-        egui::CentralPanel::no_frame().show(ui, |ui| match self.state.maximised {
+        self.state.layout.visible.clear();
+        egui::CentralPanel::no_frame().show(ui, |ui| match self.state.layout.maximised {
             Some(pane) => layout::show_maximised(ui, &mut self.state, pane),
             None => self.layout.ui(&mut PanelBehavior(&mut self.state), ui),
         });
-        self.do_actions(ui.ctx());
-        let mut bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
-        status_bar::show(&mut bar, &mut self.state, &self.frame_times);
         let ctx = ui.ctx().clone();
-        self.state.messages.log_window(&ctx);
-        self.state.messages.toasts(&ctx);
+        dispatch::serve_all(requests, &ctx, &mut self.state);
+        let bar = ui.new_child(egui::UiBuilder::new().id_salt("status text").max_rect(status));
+        self.status_bar(bar);
+        messages::log_window(&ctx, &mut self.state.messages);
+        messages::toasts(&ctx, &mut self.state.messages);
+        self.dialogs(&ctx);
+        dropped_files::show_hint(&ctx);
+    }
+
+    fn status_bar(&mut self, mut bar: Ui) {
+        let mut requests = Vec::new();
+        let (activities, is_computing) = (self.state.session.activities(), self.state.session.is_computing());
+        let hover = self.state.hover.take();
+        let Parts { view, messages, .. } = self.state.parts();
+        let status =
+            StatusBar { hover: hover.as_deref(), activities: &activities, is_computing, frames: &self.frame_times };
+        status_bar::show(&mut bar, status, messages, &view, &mut requests);
+        dispatch::serve_all(requests, bar.ctx(), &mut self.state);
+    }
+
+    /// Shows the open dialogs. The requests of each are served before the next is drawn.
+    fn dialogs(&mut self, ctx: &egui::Context) {
         let activities = self.state.session.activities();
-        for request in jobs::show(&ctx, &mut self.state.jobs_open, &activities) {
-            dispatch::serve(request, &ctx, &mut self.state);
-        }
-        path_dialog::show(&ctx, &mut self.state);
-        palette::show(&ctx, &mut self.state);
-        settings_dialogs::show(&ctx, &mut self.state);
-        welcome::show_tour(&ctx, &mut self.state);
-        recovery::ask(&ctx, &mut self.state, &mut self.left_behind);
+        self.dialog(ctx, |parts, requests| jobs::show(ctx, &mut parts.dialogs.jobs_open, &activities, requests));
+        self.dialog(ctx, |parts, requests| path_dialog::show(ctx, &mut parts.dialogs.path, parts.view.path, requests));
+        self.dialog(ctx, |parts, requests| palette::show(ctx, &mut parts.dialogs.palette, &parts.view, requests));
+        let (renderer, folder) = (self.state.renderer, self.state.folder.clone());
+        let environment = Environment { renderer, folder: folder.as_deref() };
+        self.dialog(ctx, |parts, requests| {
+            settings_dialogs::show(ctx, &mut parts.dialogs.settings, &environment, &parts.view, requests);
+        });
+        self.dialog(ctx, |parts, requests| {
+            welcome::show_tour(ctx, &mut parts.dialogs.onboarding, &parts.view, requests);
+        });
+        let mut left_behind = std::mem::take(&mut self.left_behind);
+        self.dialog(ctx, |_, requests| recovery::ask(ctx, &mut left_behind, requests));
+        self.left_behind = left_behind;
         // One dialog at a time.
         if self.left_behind.is_empty() {
-            welcome::show_welcome(&ctx, &mut self.state);
+            self.dialog(ctx, |parts, requests| welcome::show_welcome(ctx, &mut parts.dialogs.onboarding, requests));
         }
-        if confirm_discard::ask(&ctx, &mut self.state) {
+        if self.state.dialogs.transition.is_some() {
+            self.confirm_discard(ctx);
+        }
+        let mut requests = Vec::new();
+        self.dropped.ask(ctx, &mut requests);
+        dispatch::serve_all(requests, ctx, &mut self.state);
+    }
+
+    fn confirm_discard(&mut self, ctx: &egui::Context) {
+        let at_stake =
+            AtStake { work: self.state.unfinished_work(), has_unsaved_result: self.state.session.has_unsaved_result() };
+        let mut close = false;
+        self.dialog(ctx, |parts, requests| {
+            close = confirm_discard::ask(ctx, &mut parts.dialogs.transition, &at_stake, &parts.view, requests);
+        });
+        if close {
             self.close();
         }
-        self.dropped.ask(&ctx, &mut self.state);
-        dropped_files::show_hint(&ctx);
-        self.do_actions(&ctx);
     }
 
-    /// Runs the actions that panels, menus and dialogs have requested.
-    fn do_actions(&mut self, ctx: &egui::Context) {
-        while let Some(action) = self.state.actions.pop_front() {
-            dispatch::run(action, ctx, &mut self.state);
-            // Panels that are drawn already show the effect in the next frame.
-            ctx.request_repaint();
-        }
+    /// Shows a dialog and serves its requests.
+    fn dialog(&mut self, ctx: &egui::Context, show: impl FnOnce(&mut Parts<'_>, &mut Vec<Request>)) {
+        let mut requests = Vec::new();
+        show(&mut self.state.parts(), &mut requests);
+        dispatch::serve_all(requests, ctx, &mut self.state);
     }
 
-    fn menu_bar(&mut self, ui: &mut Ui) {
+    fn menu_bar(&mut self, ui: &mut Ui, requests: &mut Vec<Request>) {
+        let visible = self.state.layout.visible.clone();
+        let Parts { view, panels, .. } = self.state.parts();
+        let frame_times = &mut self.frame_times;
         egui::MenuBar::new().ui(ui, |ui| {
-            ui.menu_button("File", |ui| menus::file_menu(ui, &mut self.state));
-            ui.menu_button("Edit", |ui| menus::edit_menu(ui, &mut self.state));
-            ui.menu_button("Presets", |ui| menus::presets_menu(ui, &mut self.state));
-            ui.menu_button("View", |ui| self.view_menu(ui));
-            ui.menu_button("Help", |ui| menus::help_menu(ui, &mut self.state));
+            ui.menu_button("File", |ui| menus::file_menu(ui, panels, &view, requests));
+            ui.menu_button("Edit", |ui| menus::edit_menu(ui, &view, requests));
+            ui.menu_button("Presets", |ui| menus::presets_menu(ui, &view, requests));
+            ui.menu_button("View", |ui| menus::view_menu(ui, &visible, &mut frame_times.shown, &view, requests));
+            ui.menu_button("Help", |ui| menus::help_menu(ui, &view, requests));
             ui.separator();
-            let design = self.state.session.design();
-            let name = file_name(self.state.session.path());
-            let dirty = if self.state.session.is_dirty() { " (unsaved changes)" } else { "" };
-            let line = format!("{name}{dirty}:  {}, {}", design.encoder.describe(), design.objects);
+            let name = file_name(view.path);
+            let dirty = if view.is_dirty { " (unsaved changes)" } else { "" };
+            let line = format!("{name}{dirty}:  {}, {}", view.design.encoder.describe(), view.design.objects);
             ui.add(egui::Label::new(egui::RichText::new(line).weak()).truncate());
         });
-    }
-
-    fn view_menu(&mut self, ui: &mut Ui) {
-        ui.menu_button("Theme", |ui| {
-            if settings_dialogs::theme_choice(ui) {
-                ui.close();
-            }
-        });
-        ui.menu_button("Panel", |ui| {
-            for pane in Pane::ALL {
-                action_entry::entry(ui, &mut self.state, Action::Show(pane));
-            }
-        });
-        ui.menu_button("Layout", |ui| {
-            for action in Action::layouts() {
-                action_entry::entry(ui, &mut self.state, action);
-            }
-        });
-        action_entry::entry(ui, &mut self.state, Action::Maximise);
-        ui.menu_button("Export image of panel", |ui| capture::menu(ui, &mut self.state));
-        let mut live = self.state.session.is_live();
-        if ui
-            .checkbox(&mut live, "Live estimate")
-            .on_hover_text("Fits a density model after every edit, with the processor time that the window leaves")
-            .clicked()
-        {
-            self.state.session.set_live(live);
-            ui.close();
-        }
-        if ui.checkbox(&mut self.frame_times.shown, "Frame times").clicked() {
-            ui.close();
-        }
-        action_entry::entry(ui, &mut self.state, Action::Jobs);
-        action_entry::entry(ui, &mut self.state, Action::Messages);
     }
 }
 
@@ -438,11 +424,22 @@ impl eframe::App for Studio {
     }
 }
 
+/// Loads the state of the run. A finished run shows its result.
+fn sync_run(state: &mut State) {
+    let was_followed = state.session.is_following();
+    state.run = state.session.sync_run();
+    let finished = state.run.as_ref().filter(|run| was_followed && run.status == RunStatus::Finished);
+    let preview = finished.and_then(|run| state.panels.optimize.show_end(run));
+    if let Some(preview) = preview {
+        dispatch::serve_run(preview, state);
+    }
+}
+
 /// Loads the outcome of a job and reports it.
 fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
     match outcome {
         Ok(Outcome::Opened { path, .. }) => {
-            state.selection.clear();
+            state.panels.selection.clear();
             state.preferences.remember(path);
         }
         Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
@@ -451,10 +448,10 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
                 state.messages.push(Severity::Notice, notice);
             }
         }
-        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.selection.clear(),
-        Ok(Outcome::Exported { .. }) => state.onboarding.exported = true,
+        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.panels.selection.clear(),
+        Ok(Outcome::Exported { .. }) => state.dialogs.onboarding.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
-            state.snapshots.set_measurement(*number, measurement.clone());
+            state.panels.compare.snapshots.set_measurement(*number, measurement.clone());
             if let Err(sentence) = measurement {
                 state.messages.push(Severity::Failure, sentence);
             }

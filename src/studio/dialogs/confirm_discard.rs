@@ -4,53 +4,50 @@ use egui::Key;
 
 use crate::plural::counted;
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::{State, Transition};
+use crate::studio::state::request::Request;
+use crate::studio::state::transition::{PendingTransition, Transition};
+use crate::studio::state::view::View;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
 
-/// Whether *Save* was chosen and the file is not yet written.
-pub fn waits_for_save(state: &State) -> bool {
-    let has_answered = state.pending_transition.as_ref().is_some_and(|leaving| leaving.saving);
-    has_answered && (state.path_dialog.is_open() || state.session.is_saving())
-}
-
-/// Performs the pending transition after a save; a cancelled or failed save leaves the question open. Returns whether the
-/// window closes. Call it after job outcomes were taken, if [`waits_for_save`] was false before.
-pub fn after_save(ctx: &egui::Context, state: &mut State) -> bool {
-    let Some(leaving) = state.pending_transition.as_mut().filter(|leaving| leaving.saving) else { return false };
-    leaving.saving = false;
-    if state.session.is_dirty() {
-        return false;
-    }
-    let what = leaving.what.clone();
-    let close = what == Transition::Close;
-    state.perform_transition(ctx, what);
-    close
+/// What closing the window or a new run would lose.
+pub struct AtStake {
+    /// Work that closing the window would interrupt or lose, in sentences.
+    pub work: Option<String>,
+    /// Whether the result of the last run was not accepted.
+    pub has_unsaved_result: bool,
 }
 
 /// Shows the question of a pending transition. Returns whether the window closes.
-pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
-    let Some(leaving) = state.pending_transition.as_ref().filter(|leaving| !leaving.saving) else { return false };
-    let what = leaving.what.clone();
+pub fn ask(
+    ctx: &egui::Context,
+    open: &mut Option<PendingTransition>,
+    at_stake: &AtStake,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) -> bool {
+    let Some(pending) = open.as_mut().filter(|pending| !pending.saving) else { return false };
+    let what = pending.what.clone();
     // A run leaves the design unchanged.
-    let dirty = what != Transition::Run && state.session.is_dirty();
+    let dirty = what != Transition::Run && view.is_dirty;
     if !dirty && !matches!(what, Transition::Close | Transition::Run) {
         // An earlier save has finished.
-        state.perform_transition(ctx, what);
+        requests.push(Request::Confirmed(what));
         return false;
     }
-    let work = if what == Transition::Close { state.unfinished_work() } else { None };
+    let work = at_stake.work.as_ref().filter(|_| what == Transition::Close);
+    let mut cancelled = false;
     let mut leave = false;
     modal::show(ctx, "leaving", 340.0, |ui| {
         modal::body(ui, |ui| {
             if dirty {
                 ui.heading("Save your changes?");
-                ui.label(format!("{} has unsaved changes.", file_name(state.session.path())));
-            } else if let (Transition::Run, Some(run)) = (&what, &state.run) {
+                ui.label(format!("{} has unsaved changes.", file_name(view.path)));
+            } else if let (Transition::Run, Some(run)) = (&what, view.run) {
                 ui.heading("Discard the last run?");
                 let end = if run.can_resume() {
                     format!("It was stopped at {} and can be resumed.", run.place())
-                } else if state.session.has_unsaved_result() {
+                } else if at_stake.has_unsaved_result {
                     "Its result was not accepted.".into()
                 } else if run.ranked.len() > 1 {
                     format!("It has {}.", counted(run.ranked.len(), "result"))
@@ -68,10 +65,8 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
         ui.add_space(8.0);
         ui.horizontal(|ui| {
             if dirty && ui.button("Save").clicked() {
-                state.act(Action::Save);
-                if let Some(leaving) = &mut state.pending_transition {
-                    leaving.saving = true;
-                }
+                requests.push(Request::Do(Action::Save));
+                pending.saving = true;
             }
             let text = match what {
                 _ if dirty => "Discard",
@@ -79,14 +74,15 @@ pub fn ask(ctx: &egui::Context, state: &mut State) -> bool {
                 _ => "Close the window",
             };
             leave = ui.button(text).clicked();
-            if ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape)) {
-                state.pending_transition = None;
-            }
+            cancelled = ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(Key::Escape));
         });
     });
     let close = leave && what == Transition::Close;
+    if cancelled {
+        *open = None;
+    }
     if leave {
-        state.perform_transition(ctx, what);
+        requests.push(Request::Confirmed(what));
     }
     close
 }

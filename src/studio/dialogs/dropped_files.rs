@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 use crate::formats::{image_files, path_text};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::studio::state::app_state::{State, Transition};
 use crate::studio::state::messages::Severity;
+use crate::studio::state::request::Request;
+use crate::studio::state::transition::Transition;
 use crate::studio::widgets::file_preview::Preview;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::modal;
@@ -43,17 +44,17 @@ impl Dropped {
     }
 
     /// Takes files that were dropped in this frame.
-    pub fn take(&mut self, ctx: &egui::Context, state: &mut State) {
+    pub fn take(&mut self, ctx: &egui::Context, requests: &mut Vec<Request>) {
         let files: Vec<PathBuf> =
             ctx.input(|input| input.raw.dropped_files.iter().map(|file| file.path().to_path_buf()).collect());
         match chosen(files) {
             Some((Chosen::Design(path), unused)) => {
-                name_unused(state, &path, &unused);
-                state.request_transition(ctx, Transition::OpenFile(path));
+                requests.extend(unused_notice(&path, &unused));
+                requests.push(Request::Transition(Transition::OpenFile(path)));
             }
             Some((Chosen::Objects(path), unused)) => {
-                name_unused(state, &path, &unused);
-                state.session.open_objects(ObjectSource::guess(&path));
+                requests.extend(unused_notice(&path, &unused));
+                requests.push(Request::OpenObjects(ObjectSource::guess(&path)));
             }
             Some((Chosen::Images(images), _)) => {
                 self.text = path_text(&images.first);
@@ -64,7 +65,7 @@ impl Dropped {
     }
 
     /// Asks whether images are objects or a PSF.
-    pub fn ask(&mut self, ctx: &egui::Context, state: &mut State) {
+    pub fn ask(&mut self, ctx: &egui::Context, requests: &mut Vec<Request>) {
         let Some(Images { first, others, folder }) = &self.images else { return };
         let mut answered = false;
         modal::show(ctx, "dropped file", 420.0, |ui| {
@@ -88,19 +89,19 @@ impl Dropped {
             ui.horizontal(|ui| {
                 if ui.button("As objects").clicked() {
                     if folder.is_none() {
-                        name_unused(state, first, others);
+                        requests.extend(unused_notice(first, others));
                     }
                     // The chosen options hold for all images of the folder.
                     let meaning = self.text.strip_prefix(&path_text(first)).unwrap_or_default();
                     let source = folder.as_ref().map_or(self.text.clone(), |folder| path_text(folder) + meaning);
-                    state.session.open_objects(ObjectSource::guess(Path::new(&source)));
+                    requests.push(Request::OpenObjects(ObjectSource::guess(Path::new(&source))));
                     answered = true;
                 }
                 let text =
                     if others.is_empty() { "As PSF".to_owned() } else { format!("{} as PSF", file_name(Some(first))) };
                 if ui.button(text).clicked() {
-                    name_unused(state, first, others);
-                    state.session.import_psf(self.text.clone().into(), None);
+                    requests.extend(unused_notice(first, others));
+                    requests.push(Request::ImportPsf(self.text.clone().into()));
                     answered = true;
                 }
                 answered |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape));
@@ -138,7 +139,7 @@ fn chosen(files: Vec<PathBuf>) -> Option<(Chosen, Vec<PathBuf>)> {
         return Some((Chosen::Objects(objects), others));
     }
     let folder = whole_folder(&files);
-    let (first, others) = one(place(FileKind::Picture)?);
+    let (first, others) = one(place(FileKind::Image)?);
     Some((Chosen::Images(Images { first, others, folder }), Vec::new()))
 }
 
@@ -151,10 +152,10 @@ fn whole_folder(files: &[PathBuf]) -> Option<PathBuf> {
         .then(|| folder.to_owned())
 }
 
-/// Reports the unused files of a drop.
-fn name_unused(state: &mut State, used: &Path, unused: &[PathBuf]) {
+/// Notice about the unused files of a drop.
+fn unused_notice(used: &Path, unused: &[PathBuf]) -> Option<Request> {
     if unused.is_empty() {
-        return;
+        return None;
     }
     let names: Vec<String> = unused.iter().take(NAMED).map(|path| file_name(Some(path))).collect();
     let more = match unused.len().saturating_sub(NAMED) {
@@ -162,14 +163,14 @@ fn name_unused(state: &mut State, used: &Path, unused: &[PathBuf]) {
         more => format!(" and {more} more"),
     };
     let text = format!("{} is used; not used: {}{more}", file_name(Some(used)), names.join(", "));
-    state.messages.push(Severity::Notice, text);
+    Some(Request::Notify(Severity::Notice, text))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum FileKind {
     Design,
     Objects,
-    Picture,
+    Image,
 }
 
 /// Likely kind of a dropped file or folder. Images and arrays may be a PSF or objects.
@@ -177,7 +178,7 @@ fn kind_of(path: &Path) -> FileKind {
     let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).unwrap_or_default();
     match extension.as_str() {
         "json" => FileKind::Design,
-        "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Picture,
+        "npy" | "npz" | "tif" | "tiff" | "png" | "jpg" | "jpeg" | "bmp" if path.is_file() => FileKind::Image,
         _ => FileKind::Objects,
     }
 }

@@ -3,18 +3,20 @@
 use egui::Key;
 
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::State;
+use crate::studio::state::dialogs::ActionPalette;
+use crate::studio::state::request::Request;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 
 /// Maximal number of listed actions.
 const LISTED: usize = 12;
 /// Actions whose names contain all words of the query. Names that begin with the query come first.
-fn found(query: &str, state: &State) -> Vec<Action> {
+fn found(query: &str, view: &View<'_>) -> Vec<Action> {
     let query = query.trim().to_lowercase();
     let words: Vec<&str> = query.split_whitespace().collect();
     let mut found: Vec<(bool, Action)> = Action::all()
-        .filter(|action| state.can_do(*action))
+        .filter(|action| view.can_do(*action))
         .filter_map(|action| {
             let label = action.label().to_lowercase();
             words.iter().all(|word| label.contains(word)).then(|| (!label.starts_with(&query), action))
@@ -25,8 +27,8 @@ fn found(query: &str, state: &State) -> Vec<Action> {
 }
 
 /// Draws the palette where it is open.
-pub fn show(ctx: &egui::Context, state: &mut State) {
-    let Some(mut palette) = state.palette.take() else { return };
+pub fn show(ctx: &egui::Context, open: &mut Option<ActionPalette>, view: &View<'_>, requests: &mut Vec<Request>) {
+    let Some(palette) = open else { return };
     let mut chosen = None;
     // As many as fit below the field.
     let listed = ((ctx.content_rect().height() - 120.0) / 24.0).clamp(1.0, LISTED as f32) as usize;
@@ -40,7 +42,7 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         let response = ui.add(field.desired_width(f32::INFINITY));
         name_widget(&response, "Find an action");
         response.request_focus();
-        let actions = found(&palette.query, state);
+        let actions = found(&palette.query, view);
         if response.changed() {
             palette.marked = 0;
         }
@@ -66,9 +68,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
             chosen = actions.get(palette.marked).copied();
         }
     });
-    if let Some(action) = chosen {
-        state.act(action);
-    } else if !response.should_close() {
-        state.palette = Some(palette);
+    if chosen.is_some() || response.should_close() {
+        *open = None;
     }
+    requests.extend(chosen.map(Request::Do));
 }

@@ -2,33 +2,28 @@
 //!
 //! If the system has no file dialog, a message says so and the path field takes the keyboard.
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 use std::sync::mpsc::TryRecvError;
 
 use egui::accesskit::Live;
 use egui::{Key, TextEdit};
-use ndarray::{Array4, ArrayD, Axis};
 
 use crate::formats::path_text;
-use crate::objects::ObjectSource;
 use crate::studio::dialogs::system_dialog;
-use crate::studio::state::app_state::State;
-use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::{Answer, PathPurpose, PathQuestion, Picker};
+use crate::studio::state::path_question::{Answer, PathDialog, PathPurpose, PathQuestion, Picker};
+use crate::studio::state::request::Request;
 use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{Job, MeasurementFormat};
+use crate::workbench::MeasurementFormat;
 
 /// Message if the system has no file dialog.
 const NO_DIALOG: &str =
     "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
 
-/// Shows the open question and acts on its answer.
-pub fn show(ctx: &egui::Context, state: &mut State) {
-    let Some(mut question) = state.path_dialog.open.take() else { return };
-    let own = state.session.path();
+/// Shows the open question. `own` is the file of the design.
+pub fn show(ctx: &egui::Context, dialog: &mut PathDialog, own: Option<&Path>, requests: &mut Vec<Request>) {
+    let Some(mut question) = dialog.open.take() else { return };
     if let Some(system) = &question.system {
         match system.try_recv() {
             Ok(Answer::Chosen(path)) => {
@@ -120,69 +115,8 @@ pub fn show(ctx: &egui::Context, state: &mut State) {
         question.focus = !done;
     }
     if done {
-        answer(state, question);
+        requests.push(Request::UsePath(Box::new(question)));
     } else if !cancelled {
-        state.path_dialog.open = Some(question);
+        dialog.open = Some(question);
     }
-}
-
-fn answer(state: &mut State, question: PathQuestion) {
-    let path = question.target();
-    match &question.purpose {
-        PathPurpose::OpenDesign => state.session.open_file(path),
-        PathPurpose::SaveAs => state.session.save_to(path),
-        PathPurpose::OpenObjects => state.session.open_objects(ObjectSource::guess(&path)),
-        PathPurpose::ChooseImages => {
-            state.estimate_form.camera.choose(question.path.trim().to_owned(), question.preview);
-        }
-        PathPurpose::ImportPsf => {
-            let side = Some(question.resample).filter(|&side| side > 0);
-            state.session.import_psf(path, side);
-        }
-        PathPurpose::ExportDesign => {
-            state.session.submit(Job::ExportDesign { design: state.session.design().clone(), folder: path });
-        }
-        PathPurpose::ExportMeasurements => export_measurements(state, path, question.format),
-        PathPurpose::ExportView { image, limits, colormap, .. } => {
-            let image = image.clone();
-            state.session.submit(Job::ExportView { image, limits: *limits, colormap: *colormap, path });
-        }
-        PathPurpose::KeepUnsaved => {
-            state.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
-        }
-        PathPurpose::ExportPicture { image, .. } => {
-            state.session.submit(Job::ExportPicture { image: image.clone(), path });
-        }
-        PathPurpose::ExportRecord(record) => {
-            state.session.submit(Job::ExportRecord { record: Arc::clone(record), path });
-        }
-        PathPurpose::ExportLive(record) => {
-            state.session.submit(Job::ExportLive { record: record.clone(), path, for_command: false });
-        }
-        PathPurpose::ExportCurve { curve, .. } => state.session.submit(Job::ExportCurve { curve: curve.clone(), path }),
-    }
-}
-
-/// Exported objects; a single plane has no axis: shape (n, planes, rows, cols) or (n, rows, cols).
-fn objects_of(objects: &Array4<f32>) -> ArrayD<f32> {
-    match objects.len_of(Axis(1)) {
-        1 => objects.index_axis(Axis(1), 0).to_owned().into_dyn(),
-        _ => objects.clone().into_dyn(),
-    }
-}
-
-fn export_measurements(state: &mut State, folder: PathBuf, format: MeasurementFormat) {
-    let scene = state.live.scene.as_ref().filter(|scene| state.is_current(scene.revision));
-    let (Some(scene), Some(measurements)) = (scene, state.current_measurements()) else {
-        let refusal = "There are no measurements of this design yet; wait until they are computed.";
-        state.messages.push(Severity::Failure, refusal);
-        return;
-    };
-    state.session.submit(Job::ExportMeasurements {
-        objects: objects_of(&scene.value.objects),
-        noiseless: measurements.value.noiseless.clone(),
-        noisy: measurements.value.noisy.clone(),
-        format,
-        folder,
-    });
 }

@@ -3,13 +3,12 @@
 use std::time::SystemTime;
 
 use crate::evaluation::format_duration;
-use crate::studio::state::app_state::State;
-use crate::studio::state::messages::Severity;
+use crate::studio::state::request::Request;
 use crate::studio::widgets::modal;
 use crate::workbench::Recovered;
 
 /// Offers the unsaved designs one after the other. Undecided ones are offered again at the next start.
-pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
+pub fn ask(ctx: &egui::Context, left: &mut Vec<Recovered>, requests: &mut Vec<Request>) {
     let Some(found) = left.first() else { return };
     let age = SystemTime::now().duration_since(found.kept_at).unwrap_or_default();
     let name = found.path.as_ref().map_or_else(|| "A design without a file".into(), |path| path.display().to_string());
@@ -40,12 +39,7 @@ pub fn ask(ctx: &egui::Context, state: &mut State, left: &mut Vec<Recovered>) {
     });
     match answer {
         Some(Answer::Recover) => {
-            state.session.recover(left.remove(0));
-            state.selection.clear();
-            // A recovered design replaces the welcome dialog.
-            state.onboarding.welcome = false;
-            state.preferences.welcomed = true;
-            state.messages.push(Severity::Done, "Design recovered; save it to keep it");
+            requests.push(Request::Recover(Box::new(left.remove(0))));
             // A window holds one design; the others are offered at the next start.
             left.clear();
         }

@@ -1,5 +1,6 @@
 //! The dialogs *Keys and gestures*, *Settings* and *About*.
 
+use std::path::Path;
 use std::sync::LazyLock;
 
 use egui::{RichText, Ui};
@@ -8,10 +9,11 @@ use crate::information::EngineChoice;
 use crate::plural::counted;
 use crate::studies::Machine;
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::State;
-use crate::studio::state::open_dialogs::SettingsDialog;
+use crate::studio::state::dialogs::SettingsDialog;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
+use crate::studio::state::request::{Request, Setting};
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::modal;
 use crate::studio::widgets::number_field::NumberField;
@@ -37,25 +39,40 @@ const ON_THE_MASK: [(&str, &str); 12] = [
     ("Tab", "Next lenslet or control; Space selects"),
 ];
 
+/// What the dialogs say about the program.
+pub struct Environment<'a> {
+    /// Name of the renderer; none in tests.
+    pub renderer: Option<&'static str>,
+    /// Folder of the application data, if any.
+    pub folder: Option<&'a Path>,
+}
+
 /// Draws the open dialog.
-pub fn show(ctx: &egui::Context, state: &mut State) {
-    let Some(sheet) = state.settings_dialog else { return };
-    let width = match sheet {
+pub fn show(
+    ctx: &egui::Context,
+    open: &mut Option<SettingsDialog>,
+    environment: &Environment<'_>,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
+    let Some(dialog) = *open else { return };
+    let mut leaves = false;
+    let width = match dialog {
         SettingsDialog::Shortcuts => TWO_COLUMNS,
         SettingsDialog::Settings => 400.0,
         SettingsDialog::About => 420.0,
     };
     let response = modal::show(ctx, "sheet", width, |ui| {
-        modal::body(ui, |ui| match sheet {
+        modal::body(ui, |ui| match dialog {
             SettingsDialog::Shortcuts => shortcuts(ui),
-            SettingsDialog::Settings => settings(ui, state),
-            SettingsDialog::About => about(ui, state),
+            SettingsDialog::Settings => leaves = settings(ui, environment.folder, view, requests),
+            SettingsDialog::About => about(ui, environment.renderer, view.preferences.engine, requests),
         });
         ui.add_space(8.0);
         ui.button("Close").clicked()
     });
-    if response.inner || response.should_close() {
-        state.settings_dialog = None;
+    if leaves || response.inner || response.should_close() {
+        *open = None;
     }
 }
 
@@ -103,7 +120,10 @@ fn gestures(ui: &mut Ui, most: f32) {
     });
 }
 
-fn settings(ui: &mut Ui, state: &mut State) {
+/// Shows the settings. Returns whether the dialog makes room for another.
+fn settings(ui: &mut Ui, folder: Option<&Path>, view: &View<'_>, requests: &mut Vec<Request>) -> bool {
+    let mut leaves = false;
+    let preferences = view.preferences;
     ui.heading("Settings");
     ui.add_space(4.0);
     egui::Grid::new("settings").num_columns(2).spacing([16.0, 8.0]).show(ui, |ui| {
@@ -132,37 +152,41 @@ fn settings(ui: &mut Ui, state: &mut State) {
         });
         ui.end_row();
         ui.label("Live estimates");
-        let mut live = state.session.is_live();
+        let mut live = view.is_live;
         if ui.checkbox(&mut live, "Estimate while the design is edited").clicked() {
-            state.session.set_live(live);
+            requests.push(Request::Set(Setting::Live(live)));
         }
         ui.end_row();
         ui.label("Compute threads");
-        threads(ui, state);
+        threads(ui, preferences.threads, requests);
         ui.end_row();
         ui.label("PixelCNN engine");
         ui.horizontal(|ui| {
             for engine in EngineChoice::built() {
-                ui.radio_value(&mut state.preferences.engine, engine, engine.to_string());
+                if ui.radio(preferences.engine == engine, engine.to_string()).clicked() {
+                    requests.push(Request::Set(Setting::Engine(engine)));
+                }
             }
         });
         ui.end_row();
         ui.label("Folder of unsaved changes");
         ui.horizontal(|ui| {
             if ui.button("Choose folder...").clicked() {
-                state.path_dialog.ask(PathPurpose::KeepUnsaved, None);
-                state.settings_dialog = None;
+                requests.push(Request::AskPath(PathPurpose::KeepUnsaved));
+                leaves = true;
             }
-            let usual = ui.add_enabled(state.preferences.unsaved.is_some(), egui::Button::new("Default folder"));
+            let usual = ui.add_enabled(preferences.unsaved.is_some(), egui::Button::new("Default folder"));
             if usual.clicked() {
-                state.move_unsaved(None);
+                requests.push(Request::Set(Setting::UnsavedFolder(None)));
             }
         });
         ui.end_row();
         ui.label("Renderer");
         ui.horizontal(|ui| {
             for choice in [RendererChoice::Glow, RendererChoice::Wgpu] {
-                ui.radio_value(&mut state.preferences.renderer, choice, choice.name());
+                if ui.radio(preferences.renderer == choice, choice.name()).clicked() {
+                    requests.push(Request::Set(Setting::Renderer(choice)));
+                }
             }
         });
         ui.end_row();
@@ -170,17 +194,18 @@ fn settings(ui: &mut Ui, state: &mut State) {
         ui.weak("takes effect at the next start");
         ui.end_row();
     });
-    if let Some(folder) = &state.folder {
+    if let Some(folder) = folder {
         ui.weak(format!("Settings, layout, snapshots and runs: {}", folder.display()));
-        let unsaved = state.preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
+        let unsaved = preferences.unsaved.clone().unwrap_or_else(|| folder.join("unsaved"));
         ui.weak(format!("Unsaved changes: {}", unsaved.display()));
     }
+    leaves
 }
 
 /// The number of compute threads.
-fn threads(ui: &mut Ui, state: &mut State) {
+fn threads(ui: &mut Ui, before: Option<usize>, requests: &mut Vec<Request>) {
     ui.horizontal(|ui| {
-        let mut chosen = state.preferences.threads;
+        let mut chosen = before;
         let mut all = chosen.is_none();
         let cores = std::thread::available_parallelism().map_or(1, usize::from);
         if ui
@@ -196,9 +221,8 @@ fn threads(ui: &mut Ui, state: &mut State) {
                 ui.weak(format!("this machine has {cores}"));
             }
         }
-        if chosen != state.preferences.threads {
-            state.preferences.threads = chosen;
-            state.session.set_threads(chosen);
+        if chosen != before {
+            requests.push(Request::Set(Setting::Threads(chosen)));
         }
     });
 }
@@ -224,7 +248,7 @@ pub fn theme_choice(ui: &mut Ui) -> bool {
 /// Name of the processor, read once: the system lists it in a long file.
 static PROCESSOR: LazyLock<String> = LazyLock::new(|| Machine::here().processor);
 
-fn about(ui: &mut Ui, state: &mut State) {
+fn about(ui: &mut Ui, renderer: Option<&str>, engine: EngineChoice, requests: &mut Vec<Request>) {
     ui.heading("Lenslet Studio");
     ui.label(env!("CARGO_PKG_DESCRIPTION"));
     ui.add_space(6.0);
@@ -234,9 +258,9 @@ fn about(ui: &mut Ui, state: &mut State) {
         ("Version", env!("CARGO_PKG_VERSION").to_owned()),
         ("System", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         ("Processor", format!("{}, {}", PROCESSOR.as_str(), counted(cores, "thread"))),
-        ("Estimate engine", state.preferences.engine.to_string()),
+        ("Estimate engine", engine.to_string()),
         ("Available engines", engines.join(", ")),
-        ("Renderer", state.renderer.unwrap_or("-").to_owned()),
+        ("Renderer", renderer.unwrap_or("-").to_owned()),
         ("Licence", env!("CARGO_PKG_LICENSE").to_owned()),
     ];
     egui::Grid::new("about").num_columns(2).spacing([16.0, 4.0]).show(ui, |ui| {
@@ -251,6 +275,6 @@ fn about(ui: &mut Ui, state: &mut State) {
     ui.add_space(4.0);
     if ui.button("Copy").clicked() {
         let text: Vec<String> = facts.iter().map(|(name, value)| format!("{name}: {value}")).collect();
-        state.copy(ui.ctx(), text.join("\n"), "Versions");
+        requests.push(Request::Copy { text: text.join("\n"), what: "Versions" });
     }
 }

@@ -1,19 +1,23 @@
 //! Snapshots side by side: a table, information against Tamura coefficient, and one image that flips between two.
 
-use egui::{ColorImage, Sense, TextureOptions, Ui, Vec2};
+use std::collections::HashMap;
+
+use egui::{ColorImage, Sense, TextureHandle, TextureOptions, Ui, Vec2};
 use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use crate::information::with_decimals;
+use crate::studio::canvas::image_view::ColourPalettes;
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::tamura_gauge::TAMURA_GUIDE;
-use crate::studio::state::app_state::State;
-use crate::studio::state::comparison::{ComparedSide, Comparison, Quantity};
+use crate::studio::state::action::Action;
+use crate::studio::state::comparison::{CompareState, ComparedSide, Quantity};
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
-use crate::workbench::{Bits, Colormap, Command, Job, Snapshot, SnapshotNumbers, Snapshots};
+use crate::workbench::{Bits, Colormap, Snapshot, SnapshotNumbers, Snapshots};
 
 /// Side of the thumbnails, points.
 const THUMBNAIL: f32 = 30.0;
@@ -27,10 +31,10 @@ enum SnapshotAction {
 }
 
 /// Shows the panel.
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes, requests: &mut Vec<Request>) {
     toolbar(ui, |ui| {
         if ui.button("Take snapshot").on_hover_text("Saves the open design with its numbers for comparison").clicked() {
-            state.keep_snapshot();
+            requests.push(Request::Do(Action::KeepSnapshot));
         }
         if let Some(name) = state.snapshots.gone() {
             let hint = format!("Restores {name}");
@@ -43,12 +47,12 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             name_widget(&export, "Export comparison as CSV");
             if export.clicked() {
                 let curve = state.snapshots.table();
-                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "designs.csv" }, state.session.path());
+                requests.push(Request::AskPath(PathPurpose::ExportCurve { curve, name: "designs.csv" }));
             }
             let export = ui.small_button("Image...").on_hover_text("Exports this panel as PNG");
             name_widget(&export, "Export comparison as PNG");
             if export.clicked() {
-                state.capture.request(&state.panel_rects, Pane::Compare);
+                requests.push(Request::Capture(Pane::Compare));
             }
         });
     });
@@ -57,37 +61,22 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         return;
     }
     egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
-        let mut wish = None;
-        table(ui, state, &mut wish);
-        match wish {
-            Some(SnapshotAction::Open(number)) => open(state, number),
-            Some(SnapshotAction::Delete(number)) => {
-                state.snapshots.delete(number);
-                state.comparison.thumbnails.remove(&number);
-            }
+        match table(ui, state, palettes) {
+            Some(SnapshotAction::Open(number)) => requests.push(Request::OpenSnapshot(number)),
+            Some(SnapshotAction::Delete(number)) => state.delete(number),
             None => {}
         }
         ui.separator();
-        pair(ui, state);
+        pair(ui, state, palettes, requests);
         ui.separator();
         scatter(ui, &state.snapshots);
     });
 }
 
-fn open(state: &mut State, number: u64) {
-    let Some(snapshot) = state.snapshots.get(number) else { return };
-    let command = Command::ReplaceDesign { name: snapshot.name.clone(), design: snapshot.design.clone() };
-    state.send(&command);
-    let revision = state.session.revision();
-    if let Some(snapshot) = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number) {
-        snapshot.is_open_as(revision);
-    }
-}
-
-/// Table with one row per snapshot.
-fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
-    let mut has_drawn = false;
-    let State { snapshots, comparison, palettes, .. } = state;
+/// Table with one row per snapshot. Returns the chosen action.
+fn table(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes) -> Option<SnapshotAction> {
+    let (mut has_drawn, mut chosen_action) = (false, None);
+    let CompareState { snapshots, pair, tries_again, thumbnails, .. } = state;
     let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
     egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
         for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
@@ -111,14 +100,14 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
                 ui.ctx().request_repaint();
             }
             let number = snapshot.number;
-            thumbnail(ui, comparison, palettes, snapshot);
+            thumbnail(ui, thumbnails, palettes, snapshot);
             for (side, letter) in ["A", "B"].into_iter().enumerate() {
-                let chosen = comparison.pair[side] == Some(number);
+                let chosen = pair[side] == Some(number);
                 let response = ui.radio(chosen, "");
                 name_widget(&response, &format!("{letter} is snapshot {number}"));
                 if response.clicked() {
-                    comparison.pair[side] = (!chosen).then_some(number);
-                    comparison.tries_again = true;
+                    pair[side] = (!chosen).then_some(number);
+                    *tries_again = true;
                 }
             }
             let mut name = snapshot.name.clone();
@@ -137,7 +126,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
                 for (text, act) in [("Open", SnapshotAction::Open(number)), ("Delete", SnapshotAction::Delete(number))]
                 {
                     if ui.button(text).clicked() {
-                        *wish = Some(act);
+                        chosen_action = Some(act);
                         ui.close();
                     }
                 }
@@ -149,6 +138,7 @@ fn table(ui: &mut Ui, state: &mut State, wish: &mut Option<SnapshotAction>) {
             ui.end_row();
         }
     });
+    chosen_action
 }
 
 /// Letter of a scene, or its number beyond the alphabet.
@@ -192,15 +182,15 @@ fn bounds(snapshot: &Snapshot) -> String {
 
 fn thumbnail(
     ui: &mut Ui,
-    comparison: &mut Comparison,
-    palettes: &crate::studio::canvas::image_view::ColourPalettes,
+    thumbnails: &mut HashMap<u64, TextureHandle>,
+    palettes: &ColourPalettes,
     snapshot: &Snapshot,
 ) {
     let Some(optics) = &snapshot.optics else {
         ui.allocate_exact_size(Vec2::splat(THUMBNAIL), Sense::hover());
         return;
     };
-    let texture = comparison.thumbnails.entry(snapshot.number).or_insert_with(|| {
+    let texture = thumbnails.entry(snapshot.number).or_insert_with(|| {
         let image = &optics.image;
         let peak = image.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
         let palette = palettes.of(Colormap::Viridis);
@@ -213,12 +203,12 @@ fn thumbnail(
 }
 
 /// One image that flips between two snapshots, or their difference.
-fn pair(ui: &mut Ui, state: &mut State) {
-    if state.comparison.what == Quantity::Measurement {
-        measure(state);
+fn pair(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes, requests: &mut Vec<Request>) {
+    if state.what == Quantity::Measurement {
+        requests.extend(state.missing_measurements().into_iter().map(Request::Submit));
     }
-    let State { snapshots, comparison, palettes, hover, .. } = state;
-    let [Some(a), Some(b)] = comparison.pair.map(|number| snapshots.get(number?)) else {
+    let CompareState { snapshots, .. } = state;
+    let [Some(a), Some(b)] = state.pair.map(|number| snapshots.get(number?)) else {
         ui.weak("Choose A and B to compare their images.");
         return;
     };
@@ -228,7 +218,7 @@ fn pair(ui: &mut Ui, state: &mut State) {
             (ComparedSide::B, b.name.as_str()),
             (ComparedSide::Difference, "A - B"),
         ] {
-            let response = ui.selectable_label(comparison.side == side, text);
+            let response = ui.selectable_label(state.side == side, text);
             let name = match side {
                 ComparedSide::A => "Show A",
                 ComparedSide::B => "Show B",
@@ -236,33 +226,29 @@ fn pair(ui: &mut Ui, state: &mut State) {
             };
             name_widget(&response, name);
             if response.clicked() {
-                comparison.side = side;
+                state.side = side;
             }
         }
         if ui.button("Flip").on_hover_text("Switches between A and B").clicked() {
-            comparison.side = if comparison.side == ComparedSide::A { ComparedSide::B } else { ComparedSide::A };
+            state.side = if state.side == ComparedSide::A { ComparedSide::B } else { ComparedSide::A };
         }
     });
     toolbar(ui, |ui| {
         for (what, text) in [(Quantity::Psf, "PSF"), (Quantity::Measurement, "Measurement"), (Quantity::Mtf, "MTF")] {
-            let response = ui.selectable_label(comparison.what == what, text);
+            let response = ui.selectable_label(state.what == what, text);
             name_widget(&response, &format!("Compare {text}"));
-            comparison.tries_again |= response.clicked();
-            if response.clicked() && comparison.what != what {
-                comparison.what = what;
+            state.tries_again |= response.clicked();
+            if response.clicked() && state.what != what {
+                state.what = what;
                 // A display range belongs to one quantity.
-                comparison.image.reset_display_range();
-                comparison.difference.reset_display_range();
+                state.image.reset_display_range();
+                state.difference.reset_display_range();
             }
         }
-        let shown = if comparison.side == ComparedSide::Difference {
-            &mut comparison.difference
-        } else {
-            &mut comparison.image
-        };
+        let shown = if state.side == ComparedSide::Difference { &mut state.difference } else { &mut state.image };
         shown.colour_controls(ui, palettes);
     });
-    let (Some(one), Some(other)) = (image_of(a, comparison.what), image_of(b, comparison.what)) else {
+    let (Some(one), Some(other)) = (image_of(a, state.what), image_of(b, state.what)) else {
         let reason = [a, b].into_iter().find_map(|snapshot| snapshot.measurement.as_ref()?.as_ref().err());
         ui.weak(reason.map_or("Simulating", String::as_str));
         return;
@@ -271,27 +257,27 @@ fn pair(ui: &mut Ui, state: &mut State) {
         ui.weak("Their images differ in size.");
         return;
     }
-    let what = comparison.what as u64;
-    let version = (a.number << 34 | b.number << 4 | what, comparison.side as usize);
+    let what = state.what as u64;
+    let version = (a.number << 34 | b.number << 4 | what, state.side as usize);
     let extent = |image: &Array2<f32>| {
         let finite = image.iter().copied().filter(|value| value.is_finite());
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
     };
     // All three share zoom and pan.
-    let viewport = comparison.viewport;
-    let (view, image) = match comparison.side {
+    let viewport = state.viewport;
+    let (view, image) = match state.side {
         ComparedSide::Difference => {
             let image = one - other;
             let (low, high) = extent(&image);
             let most = high.max(-low).max(f32::MIN_POSITIVE);
-            comparison.difference.fix_limits((-most, most));
-            (&mut comparison.difference, CowArray::from(image))
+            state.difference.fix_limits((-most, most));
+            (&mut state.difference, CowArray::from(image))
         }
         side => {
             // A common display range makes the flip show differences only.
             let ((low_a, high_a), (low_b, high_b)) = (extent(one), extent(other));
-            comparison.image.fix_limits((low_a.min(low_b), high_a.max(high_b)));
-            (&mut comparison.image, CowArray::from(if side == ComparedSide::A { one } else { other }))
+            state.image.fix_limits((low_a.min(low_b), high_a.max(high_b)));
+            (&mut state.image, CowArray::from(if side == ComparedSide::A { one } else { other }))
         }
     };
     let side = ui.available_width().clamp(120.0, 340.0);
@@ -299,26 +285,11 @@ fn pair(ui: &mut Ui, state: &mut State) {
         view.viewport = viewport;
         let shown = view.show(ui, palettes, image.view(), version, false, PointerMode::View);
         if let Some(position) = shown.response.hover_pos() {
-            *hover = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
+            let value = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
+            requests.extend(value.map(Request::Describe));
         }
     });
-    comparison.viewport = view.viewport;
-}
-
-/// Requests missing measurements of the pair; snapshots are stored without them.
-fn measure(state: &mut State) {
-    let tries_again = std::mem::take(&mut state.comparison.tries_again);
-    for number in state.comparison.pair.into_iter().flatten() {
-        let snapshot = state.snapshots.entries.iter_mut().find(|snapshot| snapshot.number == number);
-        let Some(snapshot) = snapshot else { continue };
-        if tries_again {
-            snapshot.forget_failed_measurement();
-        }
-        if snapshot.wants_measurement() {
-            let (name, design) = (snapshot.name.clone(), snapshot.design.clone());
-            state.session.submit(Job::MeasureSnapshot { number, name, design });
-        }
-    }
+    state.viewport = view.viewport;
 }
 
 fn image_of(snapshot: &Snapshot, what: Quantity) -> Option<&Array2<f32>> {

@@ -1,16 +1,18 @@
 //! Estimates that take minutes: their form, the progress of the fit, and the results.
 
+use std::sync::Arc;
+
 use egui::{ComboBox, ProgressBar, Ui};
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use crate::evaluation::{Calibration, FitPoint, FittedModel};
 use crate::information::{Estimate, Estimator, Protocol, between, rounded, with_interval};
 use crate::plural::counted;
-use crate::studio::panels::parts::camera_form;
-use crate::studio::state::app_state::State;
-use crate::studio::state::estimate_form::EstimateForm;
-use crate::studio::state::messages::Severity;
+use crate::studio::panels::parts::{camera_form, fit_length};
+use crate::studio::state::estimate_form::EstimatesState;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::{EstimatesRequest, Request};
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::{DENSITY, LOWER};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
@@ -29,32 +31,31 @@ const PROTOCOLS: [(Protocol, &str); 2] = [
 ];
 
 /// Shows the panel.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    order(ui, state);
+pub fn show(ui: &mut Ui, state: &mut EstimatesState, view: &View<'_>, requests: &mut Vec<Request>) {
+    form(ui, state, view, requests);
     // Scrolls: a low window has little space during a fit.
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        camera_form::show(ui, state);
+        camera_form::show(ui, state, view.preferences.engine, requests);
         ui.separator();
-        results(ui, state);
+        results(ui, state, view, requests);
     });
 }
 
 /// The running and the finished estimates.
-fn results(ui: &mut Ui, state: &mut State) {
-    let running = state.estimates.running.clone();
-    let finished = state.estimates.finished.clone();
-    if let Some(running) = &running {
+fn results(ui: &mut Ui, state: &mut EstimatesState, view: &View<'_>, requests: &mut Vec<Request>) {
+    let (running, finished) = (&view.estimates.running, &view.estimates.finished);
+    if let Some(running) = running {
         let progress = &running.progress;
         let share = progress.done as f32 / progress.total.max(1) as f32;
         ui.label(format!("{}: {}", running.model.estimator(), progress.step));
         ui.add(ProgressBar::new(share).desired_height(8.0));
         ui.push_id("running", |ui| fit_plot(ui, &running.curve, 150.0));
     }
-    if state.estimates.gone.is_some() {
+    if view.estimates.gone.is_some() {
         let back = ui.small_button("Restore deleted estimate");
         if back.on_hover_text("Possible until the window closes").clicked() {
-            state.session.bring_back_estimate();
-            state.estimate_form.chosen = None;
+            requests.push(Request::Estimates(EstimatesRequest::Restore));
+            state.chosen = None;
         }
     }
     if finished.is_empty() && running.is_none() {
@@ -62,27 +63,26 @@ fn results(ui: &mut Ui, state: &mut State) {
         return;
     }
     for (index, result) in finished.iter().enumerate().rev() {
-        entry(ui, state, index, result);
+        entry(ui, state, &Entry { index, result }, view, requests);
     }
     // A running estimate has a curve of its own.
     let newest = finished.last().filter(|_| running.is_none());
-    let shown = state.estimate_form.chosen.and_then(|index| finished.get(index)).or(newest);
+    let shown = state.chosen.and_then(|index| finished.get(index)).or(newest);
     if let Some(shown) = shown.filter(|shown| !shown.value.curve.is_empty()) {
         fit_plot(ui, &shown.value.curve, 170.0);
     }
 }
 
 /// Form of a new estimate.
-fn order(ui: &mut Ui, state: &mut State) {
-    let running = state.estimates.running.is_some();
+fn form(ui: &mut Ui, form: &mut EstimatesState, view: &View<'_>, requests: &mut Vec<Request>) {
+    let running = view.estimates.running.is_some();
     ui.horizontal_wrapped(|ui| {
-        let form = &mut state.estimate_form;
-        let known = EstimateForm::KINDS.iter().find(|(kind, ..)| *kind == form.kind);
+        let known = EstimatesState::KINDS.iter().find(|(kind, ..)| *kind == form.kind);
         let response = ComboBox::from_id_salt("estimator")
             .selected_text(known.map_or("", |(_, name, ..)| name))
             .width(84.0)
             .show_ui(ui, |ui| {
-                for (kind, name, hint) in EstimateForm::KINDS {
+                for (kind, name, hint) in EstimatesState::KINDS {
                     if ui.selectable_value(&mut form.kind, kind, name).on_hover_text(hint).clicked() {
                         form.length.turn_to(kind);
                     }
@@ -120,32 +120,36 @@ fn order(ui: &mut Ui, state: &mut State) {
                 "Number of fits with different seeds; the smallest value counts and the spread is reported",
             );
         }
-        form.length.show(ui, form.kind, "of the fit");
+        fit_length::show(ui, &mut form.length, form.kind, "of the fit");
         let start = ui.button("Start estimate");
         if start.on_hover_text("Starts the estimate, or queues it behind a running one").clicked() {
-            let request = state.estimate_form.request(state.preferences.engine);
-            if let Err(refusal) = state.session.order_estimate(request) {
-                state.messages.push(Severity::Failure, refusal);
-            }
+            let request = form.request(view.preferences.engine);
+            requests.push(Request::Estimates(EstimatesRequest::Start(request)));
         }
         if running && ui.button("Cancel estimate").clicked() {
-            state.session.cancel_estimate();
+            requests.push(Request::Estimates(EstimatesRequest::Cancel));
         }
     });
 }
 
-/// One finished estimate.
-fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<FinishedEstimate>) {
-    let current = result.value.is_of(state.session.design(), &state.live);
+/// One finished estimate and its index.
+struct Entry<'a> {
+    index: usize,
+    result: &'a Revisioned<FinishedEstimate>,
+}
+
+fn entry(ui: &mut Ui, state: &mut EstimatesState, entry: &Entry<'_>, view: &View<'_>, requests: &mut Vec<Request>) {
+    let Entry { index, result } = *entry;
+    let current = result.value.is_of(view.design, view.live);
     let estimate = &result.value.estimate;
     ui.group(|ui| {
         ui.set_width(ui.available_width());
         ui.horizontal_wrapped(|ui| {
             let text = egui::RichText::new(summary(estimate)).strong();
-            let response = ui.selectable_label(state.estimate_form.chosen == Some(index), text);
+            let response = ui.selectable_label(state.chosen == Some(index), text);
             name_widget(&response, &format!("Estimate {}", index + 1));
             if response.on_hover_text("Shows the curve of this fit").clicked() {
-                state.estimate_form.chosen = Some(index);
+                state.chosen = Some(index);
             }
         });
         let [rows, cols] = estimate.patch;
@@ -175,7 +179,7 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<Finis
             if copy.clicked()
                 && let Ok(json) = serde_json::to_string_pretty(estimate)
             {
-                state.copy(ui.ctx(), json, "Estimate");
+                requests.push(Request::Copy { text: json, what: "Estimate" });
             }
             let command = ui.small_button("Copy command");
             name_widget(&command, &format!("Copy command of estimate {}", index + 1));
@@ -185,19 +189,19 @@ fn entry(ui: &mut Ui, state: &mut State, index: usize, result: &Revisioned<Finis
                     Some(measured) => Ok(images_command(measured, &order.request, &order.design)),
                     None => estimate_command(&order.design, &order.request),
                 };
-                state.copy_command(ui.ctx(), command);
+                requests.push(Request::CopyCommand(command));
             }
             let export = ui.small_button("Curve CSV...");
             name_widget(&export, &format!("Export curve of estimate {}", index + 1));
             if export.clicked() {
                 let curve = columns(&result.value.curve);
-                state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "fit.csv" }, state.session.path());
+                requests.push(Request::AskPath(PathPurpose::ExportCurve { curve, name: "fit.csv" }));
             }
             let delete = ui.small_button("Delete").on_hover_text("Deletes this estimate when the window closes");
             name_widget(&delete, &format!("Delete estimate {}", index + 1));
             if delete.clicked() {
-                state.session.delete_estimate(&result.value);
-                state.estimate_form.chosen = None;
+                requests.push(Request::Estimates(EstimatesRequest::Delete(Arc::clone(&result.value))));
+                state.chosen = None;
             }
         });
         // Below the buttons, so that many notes do not move them.

@@ -10,21 +10,20 @@ use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
-/// Shows the bounds after each edit. Returns a request to export them.
-pub fn show(ui: &mut Ui, history: &EditHistory) -> Option<Request> {
-    let mut request = None;
+/// Shows the bounds after each edit.
+pub fn show(ui: &mut Ui, history: &EditHistory, requests: &mut Vec<Request>) {
     toolbar(ui, |ui| {
         ui.weak(counted(history.points.len(), "design"));
         let export = ui.small_button("Export CSV...");
         name_widget(&export, "Export history as CSV");
         if export.clicked() {
             let curve = history.curve();
-            request = Some(Request::AskPath(PathPurpose::ExportCurve { curve, name: "information.csv" }));
+            requests.push(Request::AskPath(PathPurpose::ExportCurve { curve, name: "information.csv" }));
         }
     });
     if history.points.is_empty() {
         placeholder(ui, "The bounds of each edit appear here.");
-        return request;
+        return;
     }
     Plot::new("Information of past edits")
         .legend(Legend::default().position(Corner::LeftBottom))
@@ -53,5 +52,4 @@ pub fn show(ui: &mut Ui, history: &EditHistory) -> Option<Request> {
                 first += segment.len();
             }
         });
-    request
 }

@@ -5,46 +5,47 @@ use egui::{Color32, RichText, Sense, Stroke, Ui, pos2, vec2};
 use crate::information::{Bracket, NamedBound, PairedDifference, between, rounded, with_interval};
 use crate::studio::panels::parts::{action_entry, tamura_gauge};
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::BoundSummary;
+use crate::studio::state::bound_summary::{BoundSummary, PatchBracket};
+use crate::studio::state::request::Request;
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, FITTED, GAUSSIAN, LOWER, SAMPLED};
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
-use crate::workbench::{RunBounds, RunStatus};
+use crate::workbench::RunBounds;
 
 /// Minimal width of a value in the table, points.
 const LEAST_VALUE: f32 = 80.0;
 
 /// Shows the panel.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let failure = state.failure().map(str::to_owned);
-    if let Some(failure) = &failure {
+pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    let failure = view.failure();
+    if let Some(failure) = failure {
         ui.colored_label(ui.visuals().error_fg_color, failure);
         ui.add_space(4.0);
     }
-    let Some(information) = state.live.information.clone() else {
+    let Some(information) = &view.live.information else {
         if failure.is_none() {
             placeholder(ui, "Computing");
         }
         return;
     };
-    let summary = BoundSummary::of(state, &information.value, information.revision);
+    let summary = BoundSummary::of(view, &information.value, information.revision);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        headline(ui, state, &summary);
+        headline(ui, view, &summary, requests);
         bound_bar(ui, &summary);
-        details(ui, state, &summary);
+        details(ui, view, &summary);
         warning(ui, &summary);
         ui.add_space(4.0);
         ui.separator();
-        tamura_gauge::show(ui, state);
+        tamura_gauge::show(ui, view);
     });
 }
 
 /// Menu that copies or exports the numbers.
-fn more(ui: &mut Ui, state: &mut State) {
+fn more(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     let more = ui.menu_button("...", |ui| {
         for action in [Action::CopyNumbers, Action::CopyCommand, Action::ExportLive] {
-            action_entry::entry(ui, state, action);
+            action_entry::entry(ui, view, requests, action);
         }
     });
     let hint = "Copies the numbers or the command that reproduces them, or exports the record of the live estimate";
@@ -58,7 +59,7 @@ fn whole_bits((lower, upper): (f64, f64), pixels: usize) -> String {
 }
 
 /// Headline: the bracket, or else the smallest upper bound, with its source.
-fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
+fn headline(ui: &mut Ui, view: &View<'_>, summary: &BoundSummary<'_>, requests: &mut Vec<Request>) {
     let (upper, from) = summary.upper();
     let (rows, cols) = summary.bounds.patch;
     let of_sensor =
@@ -69,7 +70,7 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
             format!("whole sensor: {}", bound.from),
             format!("Whole measurements; below: {rows} x {cols} px patches"),
         ),
-        (Some((lower, Bracket { upper, .. }, [rows, cols])), _) => (
+        (Some((lower, PatchBracket { bracket: Bracket { upper, .. }, patch: [rows, cols] })), _) => (
             between(lower, *upper),
             "whole sensor".to_owned(),
             format!(
@@ -113,11 +114,11 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
     };
     let text = RichText::new(text).size(28.0);
     // Numbers of a run in progress lag behind its masks.
-    let is_followed = run.is_some() && state.session.is_following();
+    let is_followed = run.is_some() && view.preview.is_following;
     let is_current = summary.current || is_followed;
     let text = if is_current { text.strong() } else { text.weak() };
     // A refining number is italic.
-    let is_active = !is_paused(state) && state.session.is_live();
+    let is_active = !view.is_live_paused() && view.is_live;
     let is_refining = is_active && summary.current_live().is_some_and(|live| live.remaining.is_some() || live.bounding);
     let refining = summary.sensor_bracket().is_none() && is_refining;
     let text = if refining || is_followed { text.italics() } else { text };
@@ -134,11 +135,11 @@ fn headline(ui: &mut Ui, state: &mut State, summary: &BoundSummary<'_>) {
                 ui.weak(name);
             });
         });
-        more(ui, state);
+        more(ui, view, requests);
     });
     let from = summary
         .sensor_bracket()
-        .and_then(|(_, bracket, _)| Some((bracket.lower_from?.to_string(), bracket.upper_from.to_string())));
+        .and_then(|(_, sensor)| Some((sensor.bracket.lower_from?.to_string(), sensor.bracket.upper_from.to_string())));
     let from = from.map_or(String::new(), |(below, above)| format!("; by {}", both(&below, &above)));
     ui.weak(patch).on_hover_text(format!("Mutual information between objects and noisy measurements{from}"));
     ui.add_space(4.0);
@@ -219,7 +220,7 @@ fn nice_end(value: f64) -> f64 {
         .unwrap_or(value)
 }
 
-fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
+fn details(ui: &mut Ui, view: &View<'_>, summary: &BoundSummary<'_>) {
     let bound = &summary.bounds.gaussian;
     // A long value wraps at the border of the panel.
     let end = ui.max_rect().right();
@@ -259,12 +260,14 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
             let value = format!("{} {from}", with_interval(*bits_per_pixel, *interval_95));
             line("Upper bound", value, Some(FITTED), hint);
         }
-        if let Some((Bracket { lower: None, upper, upper_interval_95, upper_from, .. }, _)) = &summary.sensor {
+        if let Some(Bracket { lower: None, upper, upper_interval_95, upper_from, .. }) =
+            summary.sensor.as_ref().map(|sensor| &sensor.bracket)
+        {
             let hint = "Smallest finished estimate of whole measurements of this design, with 95 % interval";
             let value = format!("{} {}", with_interval(*upper, *upper_interval_95), upper_from);
             line("Whole sensor", value, Some(FITTED), hint);
         }
-        let (value, entropies) = live_line(state, summary);
+        let (value, entropies) = live_line(view, summary);
         line(
             "Density model",
             value,
@@ -292,26 +295,29 @@ fn details(ui: &mut Ui, state: &State, summary: &BoundSummary<'_>) {
             None,
             "The same Gaussian for an infinitely large sensor (spectral integral)",
         );
-        let (name, entropy_y, entropy_y_given_x) = entropies;
+        let Entropies { model, of_measurements, of_noise } = entropies;
         line(
             "H(Y)  -  H(Y|X)",
-            format!("{entropy_y:.3}  -  {entropy_y_given_x:.3}"),
+            format!("{of_measurements:.3}  -  {of_noise:.3}"),
             None,
-            &format!("Entropy of the measurements under the {name} and entropy of the noise, bits per pixel"),
+            &format!("Entropy of the measurements under the {model} and entropy of the noise, bits per pixel"),
         );
     });
 }
 
-/// Whether an estimate or a run pauses the live estimate.
-fn is_paused(state: &State) -> bool {
-    state.estimates.running.is_some() || state.run.as_ref().is_some_and(|run| run.status == RunStatus::Running)
+/// Entropies under a model, bits per pixel.
+struct Entropies {
+    model: &'static str,
+    of_measurements: f64,
+    of_noise: f64,
 }
 
 /// Live estimate with its state, and the entropies of the best available model.
-fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static str, f64, f64)) {
+fn live_line(view: &View<'_>, summary: &BoundSummary<'_>) -> (String, Entropies) {
     let bound = &summary.bounds.gaussian;
-    let gaussian = ("Gaussian model", bound.entropy_y, bound.entropy_y_given_x);
-    let failure = state.estimates.live_failure.as_ref().filter(|(revision, _)| state.is_current(*revision));
+    let gaussian =
+        Entropies { model: "Gaussian model", of_measurements: bound.entropy_y, of_noise: bound.entropy_y_given_x };
+    let failure = view.estimates.live_failure.as_ref().filter(|(revision, _)| view.is_current(*revision));
     if let Some((_, failure)) = failure {
         return (failure.clone(), gaussian);
     }
@@ -319,8 +325,8 @@ fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static st
         let text = format!("{} {}", with_interval(upper.bits_per_pixel, upper.interval_95), upper.from);
         return (text, gaussian);
     }
-    let off = !state.session.is_live();
-    let paused = is_paused(state);
+    let off = !view.is_live;
+    let paused = view.is_live_paused();
     match &summary.live {
         None if off => ("off".into(), gaussian),
         None if paused => ("paused".into(), gaussian),
@@ -335,8 +341,9 @@ fn live_line(state: &State, summary: &BoundSummary<'_>) -> (String, (&'static st
                 (true, Some(left)) => format!("refining, {:.0} s", left.as_secs_f64().ceil()),
             };
             let text = format!("{} {stage}", with_interval(live.bits_per_pixel, live.interval_95));
-            let entropies = if *current { ("density model", live.entropy_y, live.entropy_y_given_x) } else { gaussian };
-            (text, entropies)
+            let of_live =
+                Entropies { model: "density model", of_measurements: live.entropy_y, of_noise: live.entropy_y_given_x };
+            (text, if *current { of_live } else { gaussian })
         }
     }
 }

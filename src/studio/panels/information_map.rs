@@ -4,64 +4,62 @@ use egui::Ui;
 use ndarray::Axis;
 
 use crate::studio::canvas::pan_zoom::PointerMode;
-use crate::studio::panels::parts::image_menu::{self, View};
-use crate::studio::state::app_state::State;
+use crate::studio::panels::parts::image_menu::{self, MenuImage};
+use crate::studio::state::image_panels::InformationMapState;
+use crate::studio::state::request::Request;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 
 /// Shows the map.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let live = state.estimates.live.clone();
+pub fn show(ui: &mut Ui, map: &mut InformationMapState, view: &View<'_>, requests: &mut Vec<Request>) {
+    let live = view.estimates.live.as_ref();
     toolbar(ui, |ui| {
-        state.views.information.colour_controls(ui, &state.palettes);
-        let count = live.as_ref().map_or(0, |live| live.value.maps.len_of(Axis(0)));
+        map.image.colour_controls(ui, view.palettes);
+        let count = live.map_or(0, |live| live.value.maps.len_of(Axis(0)));
         let mean = ui
-            .selectable_label(state.map_sample.is_none(), "Mean")
+            .selectable_label(map.patch.is_none(), "Mean")
             .on_hover_text("Mean over held-out patches; pixels are scanned row by row, so the first ones carry most");
         name_widget(&mean, "Mean information map");
         if mean.clicked() {
-            state.map_sample = None;
+            map.patch = None;
         }
-        let one = ui
-            .selectable_label(state.map_sample.is_some(), "Patch")
-            .on_hover_text("Information of each pixel of one patch");
+        let one =
+            ui.selectable_label(map.patch.is_some(), "Patch").on_hover_text("Information of each pixel of one patch");
         name_widget(&one, "Information map of a patch");
         if one.clicked() {
-            state.map_sample = Some(state.map_sample.unwrap_or(0));
+            map.patch = Some(map.patch.unwrap_or(0));
         }
-        if let Some(sample) = &mut state.map_sample {
-            *sample = (*sample).min(count.saturating_sub(1));
+        if let Some(patch) = &mut map.patch {
+            *patch = (*patch).min(count.saturating_sub(1));
             let next = ui.small_button(">").on_hover_text("Next patch");
             name_widget(&next, "Next patch");
             if next.clicked() {
-                *sample = (*sample + 1) % count.max(1);
+                *patch = (*patch + 1) % count.max(1);
             }
-            ui.weak(format!("{} of {count}", *sample + 1));
+            ui.weak(format!("{} of {count}", *patch + 1));
         }
     });
     let Some(live) = live else {
-        placeholder(ui, if state.session.is_live() { "Computing" } else { "The live estimate is off." });
+        placeholder(ui, if view.is_live { "Computing" } else { "The live estimate is off." });
         return;
     };
-    let stale = !state.is_current(live.revision);
-    let version = (live.revision, live.value.recipe.steps * 16 + state.map_sample.map_or(0, |sample| sample + 1));
-    let chosen = state.map_sample.filter(|sample| *sample < live.value.maps.len_of(Axis(0)));
-    let image = match chosen {
-        Some(sample) => live.value.maps.index_axis(Axis(0), sample),
-        None => live.value.mean_map.view(),
-    };
+    let is_current = view.is_current(live.revision);
+    let version = (live.revision, live.value.recipe.steps * 16 + map.patch.map_or(0, |patch| patch + 1));
+    let image = map.map_of(&live.value);
     if image.is_empty() {
         return;
     }
-    let view = &mut state.views.information;
-    let shown = view.show(ui, &state.palettes, image, version, stale, PointerMode::View);
+    let patch = map.shown_patch(&live.value);
+    let shown = map.image.show(ui, view.palettes, image, version, !is_current, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
-        let photons = chosen.and_then(|sample| {
+        let photons = patch.and_then(|patch| {
             let (row, col) = (y.round().max(0.0) as usize, x.round().max(0.0) as usize);
-            live.value.patches.get((sample, row, col)).copied()
+            live.value.patches.get((patch, row, col)).copied()
         });
         let photons = photons.map_or_else(String::new, |photons| format!(", {photons:.0} photons"));
-        state.hover = view.describe_pixel(image, (x, y)).map(|text| text + &photons);
+        requests.extend(map.image.describe_pixel(image, (x, y)).map(|text| Request::Describe(text + &photons)));
     }
-    image_menu::show(ui, state, View::Information, &shown, |_, _, _| {});
+    let menu = MenuImage { image, is_current, shown: &shown };
+    image_menu::show(ui, &mut map.image, &menu, requests, |_, _, _| {});
 }

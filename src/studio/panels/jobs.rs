@@ -13,9 +13,8 @@ use crate::workbench::{Activity, ActivityState};
 /// Height of a progress bar, points.
 const BAR: f32 = 16.0;
 
-/// Draws the window if it is open. Returns the requests of its buttons.
-pub fn show(ctx: &egui::Context, open: &mut bool, all: &[Arc<Activity>]) -> Vec<Request> {
-    let mut requests = Vec::new();
+/// Draws the window if it is open.
+pub fn show(ctx: &egui::Context, open: &mut bool, all: &[Arc<Activity>], requests: &mut Vec<Request>) {
     // Placed beside the panels that start jobs.
     let corner = ctx.content_rect().center_bottom() - egui::vec2(0.0, 36.0);
     let window = egui::Window::new("Jobs").open(open).default_size([440.0, 320.0]);
@@ -25,12 +24,11 @@ pub fn show(ctx: &egui::Context, open: &mut bool, all: &[Arc<Activity>]) -> Vec<
         }
         ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
             for activity in all.iter().rev() {
-                entry(ui, &mut requests, activity);
+                entry(ui, requests, activity);
                 ui.separator();
             }
         });
     });
-    requests
 }
 
 /// One job.

@@ -8,34 +8,37 @@ use crate::optics::{Lenslet, LensletArray};
 use crate::plural::counted;
 use crate::studio::panels::parts::hints::COUNTS;
 use crate::studio::panels::parts::lenslet_menu;
-use crate::studio::state::app_state::State;
+use crate::studio::state::action::Action;
+use crate::studio::state::request::Request;
+use crate::studio::state::selection::Selection;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Command, LensletChange};
 
 /// Shows the table.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let design = state.session.design().clone();
+pub fn show(ui: &mut Ui, selection: &mut Selection, view: &View<'_>, requests: &mut Vec<Request>) {
+    let design = view.design;
     let Some(array) = design.encoder.lenslets() else {
         placeholder(ui, &format!("{} has no lenslets. The Presets menu has some to edit.", design.encoder.describe()));
         return;
     };
     ui.horizontal(|ui| {
         if ui.button("Add lenslet").on_hover_text("Adds a lenslet in the middle of the grid").clicked() {
-            state.add_lenslet();
+            requests.push(Request::Do(Action::AddLenslet));
         }
-        let deletable = !state.selection.is_empty() && state.selection.len() < array.lenslets.len();
+        let deletable = (1..array.lenslets.len()).contains(&selection.indices().len());
         let delete = ui.add_enabled(deletable, egui::Button::new("Delete selected"));
         if delete.on_disabled_hover_text("Select lenslets first; at least one must remain").clicked() {
-            state.delete_selection();
+            requests.push(Request::Do(Action::Delete));
         }
         if ui.button("Equal weights").on_hover_text("Gives every lenslet the same share of the light").clicked() {
             let weight = 1.0 / array.lenslets.len() as f64;
             let lenslets = array.lenslets.iter().map(|&lenslet| Lenslet { weight, ..lenslet }).enumerate().collect();
-            state.send(&Command::ChangeLenslets { what: LensletChange::Weight, lenslets });
+            requests.push(Request::Change(Command::ChangeLenslets { what: LensletChange::Weight, lenslets }));
         }
         let count = array.lenslets.len();
-        let optics = state.live.optics.as_ref().filter(|optics| state.is_current(optics.revision));
+        let optics = view.live.optics.as_ref().filter(|optics| view.is_current(optics.revision));
         let text = match optics.and_then(|optics| optics.value.distinct_lenslets) {
             Some((distinct, effective)) if distinct < count => {
                 format!("{distinct} of {count} distinct, {effective:.1} effective")
@@ -46,7 +49,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         ui.weak(text).on_hover_text(COUNTS);
     });
     ui.add_space(4.0);
-    let volumes = array.planes() > 1 || state.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);
+    let volumes = array.planes() > 1 || view.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         egui::Grid::new("lenslet table").striped(true).spacing([10.0, 3.0]).min_col_width(30.0).show(ui, |ui| {
             ui.strong("").on_hover_text("Number; click to select");
@@ -56,47 +59,52 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.strong("lock").on_hover_text("Locked lenslets stay unchanged in runs");
             ui.end_row();
             for index in 0..array.lenslets.len() {
-                row(ui, state, array, index, volumes);
+                row(ui, &Row { array, index, volumes }, selection, view, requests);
                 ui.end_row();
             }
         });
     });
 }
 
-fn row(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize, volumes: bool) {
+/// A row of the table.
+struct Row<'a> {
+    array: &'a LensletArray,
+    index: usize,
+    /// Whether the plane is shown.
+    volumes: bool,
+}
+
+fn row(ui: &mut Ui, row: &Row<'_>, selection: &mut Selection, view: &View<'_>, requests: &mut Vec<Request>) {
+    let Row { array, index, volumes } = *row;
     let lenslet = array.lenslets[index];
     let number = index + 1;
-    let selected = state.selection.contains(&index);
+    let selected = selection.contains(index);
     let chooser = ui.selectable_label(selected, format!("{number:>2}"));
     name_widget(&chooser, &format!("Select lenslet {number}"));
     if chooser.clicked() {
-        if !ui.input(|input| input.modifiers.shift || input.modifiers.command) {
-            state.selection.clear();
-        }
-        if !state.selection.insert(index) {
-            state.selection.remove(&index);
-        }
+        selection.select(index, ui.input(|input| input.modifiers.shift || input.modifiers.command));
     }
-    chooser.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
+    chooser.context_menu(|ui| lenslet_menu::show(ui, selection, view, index, requests));
     // Width, weight and plane apply to the whole selection, a position to one lenslet.
-    let together = state.selection.len() > 1 && selected;
+    let together = selection.indices().len() > 1 && selected;
     for column in Column::ALL.into_iter().filter(|&column| volumes || column != Column::Plane) {
         let name = format!("Lenslet {number} {}", column.title());
         let Some(edit) = column.field(&name, array).show(ui, column.of(lenslet)).1 else { continue };
         let members = if together && !matches!(column, Column::X | Column::Y) {
-            state.selected_lenslets()
+            selection.of(array)
         } else {
             vec![(index, lenslet)]
         };
         let lenslets = members.into_iter().map(|(member, of)| (member, column.changed(of, edit.value))).collect();
-        state.send_edit(edit, &Command::ChangeLenslets { what: column.change(), lenslets });
+        requests.push(Request::ChangeBy(edit, Command::ChangeLenslets { what: column.change(), lenslets }));
     }
-    let mut locked = state.locks.indices().contains(&index) && state.session.shows_own_lenslets();
+    let mut locked = view.is_locked(index);
     // Locks belong to the open design, not to a preview.
-    let lock = ui.add_enabled(!state.session.is_previewing(), egui::Checkbox::new(&mut locked, ""));
+    let lock = ui.add_enabled(!view.preview.is_shown, egui::Checkbox::new(&mut locked, ""));
     name_widget(&lock, &format!("Lock lenslet {number}"));
     if lock.clicked() {
-        state.locks.toggle(&if together { state.selection.clone() } else { BTreeSet::from([index]) });
+        let lenslets = if together { selection.indices().clone() } else { BTreeSet::from([index]) };
+        requests.push(Request::ToggleLocks(lenslets));
     }
 }
 

@@ -14,12 +14,14 @@ use crate::studio::canvas::image_view::Shown;
 use crate::studio::canvas::pan_zoom::{CLICK_REACH, PointerMode, is_panning, zoomed_by_keys};
 use crate::studio::canvas::viewport::Placement;
 use crate::studio::panels::parts::action_entry;
-use crate::studio::panels::parts::image_menu::{self, View};
-use crate::studio::panels::parts::lenslet_menu::{self, inside, select};
+use crate::studio::panels::parts::image_menu::{self, MenuImage};
+use crate::studio::panels::parts::lenslet_menu::{self, inside};
 use crate::studio::panels::parts::trajectories;
 use crate::studio::state::action::Action;
-use crate::studio::state::app_state::State;
-use crate::studio::state::views::MaskDrag;
+use crate::studio::state::mask_panel::{MaskDrag, MaskPanelState};
+use crate::studio::state::request::Request;
+use crate::studio::state::selection::Selection;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{placeholder, toolbar};
 use crate::workbench::{Command, DesignRun, LensletChange, PositionGradient};
 
@@ -36,24 +38,49 @@ const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
 /// Minimal radius of a handle, points.
 const MIN_HANDLE: f32 = 7.0;
 
+/// The drawn mask.
+#[derive(Clone, Copy)]
+struct Canvas<'a> {
+    view: &'a View<'a>,
+    array: &'a LensletArray,
+    placement: Placement,
+}
+
+/// What gestures change.
+struct Edited<'a> {
+    panel: &'a mut MaskPanelState,
+    selection: &'a mut Selection,
+    requests: &'a mut Vec<Request>,
+}
+
+impl Edited<'_> {
+    fn change(&mut self, what: LensletChange, lenslets: Vec<(usize, Lenslet)>) {
+        self.requests.push(Request::Change(Command::ChangeLenslets { what, lenslets }));
+    }
+}
+
 /// Shows the panel.
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(
+    ui: &mut Ui,
+    panel: &mut MaskPanelState,
+    selection: &mut Selection,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
     toolbar(ui, |ui| {
-        state.views.psf.colour_controls(ui, &state.palettes);
-        let arrows = ui.checkbox(&mut state.arrows, "Arrows");
+        panel.psf.colour_controls(ui, view.palettes);
+        let arrows = ui.checkbox(&mut panel.arrows, "Arrows");
         arrows.on_hover_ui(|ui| {
             ui.label(
                 "Gradient of the information by the position of each lenslet, where it is statistically significant; the longest arrow is 3 px.",
             );
-            if let Some(pulls) = position_gradients(state) {
-                let significant = pulls.iter().filter(|pull| pull.is_significant).count();
-                ui.label(format!("Significant: {significant} of {}", pulls.len()));
+            if let Some(gradients) = position_gradients(view) {
+                let significant = gradients.iter().filter(|gradient| gradient.is_significant).count();
+                ui.label(format!("Significant: {significant} of {}", gradients.len()));
             }
         });
-        let count = state.lenslet_count();
-        let selected = state.selection.len();
-        let text = match (count, selected) {
-            (0, _) => state.session.design().encoder.describe(),
+        let text = match (view.lenslet_count(), selection.indices().len()) {
+            (0, _) => view.design.encoder.describe(),
             (_, 0) => "Double-click adds a lenslet, drag moves it, wheel changes its weight".into(),
             (_, 1) => "1 selected".into(),
             (_, more) => format!("{more} selected"),
@@ -64,68 +91,68 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             ui.allocate_ui(room, |ui| ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()));
         }
     });
-    let Some(optics) = state.live.optics.clone() else {
+    let Some(optics) = &view.live.optics else {
         placeholder(ui, "Rendering the PSF");
         return;
     };
-    let stale = !state.is_current(optics.revision);
+    let is_current = view.is_current(optics.revision);
     let image = optics.value.image.view();
-    let version = (optics.revision, 0);
-    let shown = state.views.psf.show(ui, &state.palettes, image, version, stale, PointerMode::Edit);
-    let (placement, response) = (shown.placement, shown.response.clone());
-    if !state.views.psf.viewport.is_fitted() {
+    let shown = panel.psf.show(ui, view.palettes, image, (optics.revision, 0), !is_current, PointerMode::Edit);
+    let placement = shown.placement;
+    if !panel.psf.viewport.is_fitted() {
         // Hidden lenslets do not cover other controls.
         ui.set_clip_rect(shown.seen);
     }
-    if let Some(position) = response.hover_pos() {
-        state.hover = state.views.psf.describe_pixel(image, placement.to_pixels(position));
+    if let Some(position) = shown.response.hover_pos() {
+        let value = panel.psf.describe_pixel(image, placement.to_pixels(position));
+        requests.extend(value.map(Request::Describe));
     }
-    let add_here = |ui: &mut Ui, state: &mut State, (x, y): (f64, f64)| {
-        let array = state.session.design().encoder.lenslets().cloned();
+    let array = view.design.encoder.lenslets();
+    let add_here = |ui: &mut Ui, requests: &mut Vec<Request>, (x, y): (f64, f64)| {
         let Some(array) = array else { return };
         if ui.button("Add a lenslet here").clicked() {
-            let (x, y) = inside((x, y), &array);
-            state.send(&Command::AddLenslet(new_lenslet(&array, x, y)));
+            let (x, y) = inside((x, y), array);
+            requests.push(Request::Change(Command::AddLenslet(new_lenslet(array, x, y))));
             ui.close();
         }
-        action_entry::entry(ui, state, Action::SelectAll);
+        action_entry::entry(ui, view, requests, Action::SelectAll);
         ui.separator();
     };
-    image_menu::show(ui, state, View::Psf, &shown, add_here);
-    let design = state.session.design().clone();
-    let Some(array) = design.encoder.lenslets() else { return };
+    let menu = MenuImage { image, is_current, shown: &shown };
+    image_menu::show(ui, &mut panel.psf, &menu, requests, add_here);
     // A stale image may have another shape than the array.
-    if (array.rows, array.cols) != image.dim() {
-        return;
+    let Some(array) = array.filter(|array| (array.rows, array.cols) == image.dim()) else { return };
+    draw_limits(ui, placement, array, &view.design.limits, selection);
+    trajectories::draw(ui, view, placement, array);
+    let canvas = Canvas { view, array, placement };
+    let mut edited = Edited { panel, selection, requests };
+    canvas_gestures(ui, canvas, &mut edited, &shown.response);
+    for index in 0..array.lenslets.len() {
+        handle(ui, canvas, &mut edited, index);
     }
-    draw_limits(ui, placement, array, &design.limits, &state.selection);
-    trajectories::draw(ui, state, placement, array);
-    canvas_gestures(ui, state, placement, &response, array);
-    for (index, lenslet) in array.lenslets.iter().enumerate() {
-        handle(ui, state, placement, array, index, lenslet);
+    if edited.panel.arrows {
+        draw_arrows(ui, canvas);
     }
-    if state.arrows {
-        draw_arrows(ui, state, placement, array);
-    }
-    keyboard(ui, state, array, &shown);
+    keyboard(ui, canvas, &mut edited, &shown);
 }
 
 /// Draws the position gradient of each lenslet, from the previewed run or the live estimate. The longest arrow has
 /// [`LONGEST_ARROW_PX`].
-fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
+fn draw_arrows(ui: &Ui, canvas: Canvas<'_>) {
+    let Canvas { view, array, placement } = canvas;
     let significant =
         |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
-    let by_live = || Some(position_gradients(state)?.iter().map(significant).collect());
+    let by_live = || Some(position_gradients(view)?.iter().map(significant).collect());
     let of_run = |run: &&DesignRun| run.is_active() && !run.position_gradients.is_empty() && *run.array == *array;
-    let run = state.run.as_ref().filter(of_run);
-    let pulls: Option<Vec<(f64, f64)>> = run.map(|run| run.position_gradients.to_vec()).or_else(by_live);
-    let Some(pulls) = pulls.filter(|pulls| pulls.len() == array.lenslets.len()) else { return };
-    let longest = pulls.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
+    let run = view.run.filter(of_run);
+    let gradients: Option<Vec<(f64, f64)>> = run.map(|run| run.position_gradients.to_vec()).or_else(by_live);
+    let Some(gradients) = gradients.filter(|gradients| gradients.len() == array.lenslets.len()) else { return };
+    let longest = gradients.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
     if longest <= 0.0 {
         return;
     }
     let scale = LONGEST_ARROW_PX / longest;
-    for (lenslet, (x, y)) in array.lenslets.iter().zip(pulls) {
+    for (lenslet, (x, y)) in array.lenslets.iter().zip(gradients) {
         let from = placement.to_screen(lenslet.x, lenslet.y);
         let to = placement.to_screen(lenslet.x + scale * x, lenslet.y + scale * y);
         if from.distance(to) > 3.0 {
@@ -136,13 +163,13 @@ fn draw_arrows(ui: &Ui, state: &State, placement: Placement, array: &LensletArra
 }
 
 /// Position gradients of the current live estimate.
-fn position_gradients(state: &State) -> Option<&[PositionGradient]> {
-    let live = state.estimates.live.as_ref().filter(|live| state.is_current(live.revision));
+fn position_gradients<'a>(view: &View<'a>) -> Option<&'a [PositionGradient]> {
+    let live = view.estimates.live.as_ref().filter(|live| view.is_current(live.revision));
     live?.value.pulls.as_deref()
 }
 
 /// Draws the limits of position and width as dashed lines.
-fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &BTreeSet<usize>) {
+fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &Selection) {
     let (left, right) = limits.coordinate_range(array.cols);
     let (top, bottom) = limits.coordinate_range(array.rows);
     let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
@@ -150,7 +177,7 @@ fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Lim
     let stroke = Stroke::new(1.0, Color32::from_white_alpha(110));
     ui.painter().extend(egui::Shape::dashed_line(&points, stroke, 5.0, 4.0));
     let smallest = limits.min_sigma_px.powi(2);
-    for lenslet in selection.iter().filter_map(|&index| array.lenslets.get(index)) {
+    for (_, lenslet) in selection.of(array) {
         let centre = placement.to_screen(lenslet.x, lenslet.y);
         let mut outline: Vec<_> =
             ellipse(smallest, 0.0, smallest).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect();
@@ -160,17 +187,18 @@ fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Lim
 }
 
 /// Gestures on the image: box selection, deselection, adding.
-fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
+fn canvas_gestures(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, response: &egui::Response) {
+    let Canvas { array, placement, .. } = canvas;
     let shift = ui.input(|input| input.modifiers.shift);
     if response.double_clicked()
         && let Some(position) = response.interact_pointer_pos()
     {
         let (x, y) = inside(placement.to_pixels(position), array);
-        state.send(&Command::AddLenslet(new_lenslet(array, x, y)));
+        edited.requests.push(Request::Change(Command::AddLenslet(new_lenslet(array, x, y))));
         return;
     }
     if response.clicked() && !shift {
-        state.selection.clear();
+        edited.selection.clear();
     }
     if response.drag_started_by(PointerButton::Primary)
         && !is_panning(ui)
@@ -180,22 +208,22 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
         if let Some(pressed) =
             array.lenslets.iter().rposition(|lenslet| frame_of(placement, lenslet).contains(position))
         {
-            take_hold(ui, state, placement, pressed, position);
+            take_hold(ui, canvas, edited, pressed, position);
         } else {
-            let before = if shift { state.selection.clone() } else { BTreeSet::new() };
-            state.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), before });
+            let before = if shift { edited.selection.indices().clone() } else { BTreeSet::new() };
+            edited.panel.drag = Some(MaskDrag::Select { start: placement.to_pixels(position), before });
         }
     }
-    drag_lenslets(state, placement, response, array);
-    if let Some(MaskDrag::Select { start, before }) = &state.drag {
+    drag_lenslets(canvas, edited, response);
+    if let Some(MaskDrag::Select { start, before }) = &edited.panel.drag {
         let held = response.dragged_by(PointerButton::Primary);
         if let (true, Some(position)) = (held, ui.input(|input| input.pointer.latest_pos())) {
             let end = placement.to_pixels(position);
             let between = |a: f64, b: f64, value: f64| (a.min(b)..=a.max(b)).contains(&value);
-            state.selection = before.clone();
-            state.selection.extend(array.lenslets.iter().enumerate().filter_map(|(index, lenslet)| {
+            let boxed = array.lenslets.iter().enumerate().filter_map(|(index, lenslet)| {
                 (between(start.0, end.0, lenslet.x) && between(start.1, end.1, lenslet.y)).then_some(index)
-            }));
+            });
+            edited.selection.set(before.iter().copied().chain(boxed));
             let frame = Rect::from_two_pos(placement.to_screen(start.0, start.1), position);
             let visuals = &ui.visuals().selection;
             ui.painter().rect(
@@ -206,35 +234,36 @@ fn canvas_gestures(ui: &Ui, state: &mut State, placement: Placement, response: &
                 egui::StrokeKind::Inside,
             );
         } else {
-            state.drag = None;
+            edited.panel.drag = None;
         }
     }
 }
 
 /// Starts a drag of a lenslet and its selection.
-fn take_hold(ui: &Ui, state: &mut State, placement: Placement, index: usize, pointer: Pos2) {
-    if !state.selection.contains(&index) {
-        select(state, index, ui.input(|input| input.modifiers.shift));
+fn take_hold(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, index: usize, pointer: Pos2) {
+    if !edited.selection.contains(index) {
+        edited.selection.select(index, ui.input(|input| input.modifiers.shift));
     }
-    let (from, start) = (state.selected_lenslets(), placement.to_pixels(pointer));
-    state.drag = Some(MaskDrag::Move { from, start, begun: false });
+    let (from, start) = (edited.selection.of(canvas.array), canvas.placement.to_pixels(pointer));
+    edited.panel.drag = Some(MaskDrag::Move { from, start, begun: false });
 }
 
 /// Moves dragged lenslets with the pointer.
-fn drag_lenslets(state: &mut State, placement: Placement, response: &egui::Response, array: &LensletArray) {
+fn drag_lenslets(canvas: Canvas<'_>, edited: &mut Edited<'_>, response: &egui::Response) {
+    let placement = canvas.placement;
     if response.dragged_by(PointerButton::Primary)
-        && let Some(MaskDrag::Move { from, start, begun }) = &mut state.drag
+        && let Some(MaskDrag::Move { from, start, begun }) = &mut edited.panel.drag
         && let Some(position) = response.interact_pointer_pos()
     {
         let (x, y) = placement.to_pixels(position);
         *begun |= position.distance(placement.to_screen(start.0, start.1)) > CLICK_REACH;
         if *begun {
-            let moved = moved_by(from, x - start.0, y - start.1, array);
-            state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+            let moved = moved_by(from, x - start.0, y - start.1, canvas.array);
+            edited.change(LensletChange::Position, moved);
         }
     }
     if response.drag_stopped() {
-        state.drag = None;
+        edited.panel.drag = None;
     }
 }
 
@@ -253,59 +282,59 @@ fn new_lenslet(array: &LensletArray, x: f64, y: f64) -> Lenslet {
 }
 
 /// Shows one handle and handles its gestures.
-fn handle(ui: &Ui, state: &mut State, placement: Placement, array: &LensletArray, index: usize, lenslet: &Lenslet) {
-    let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
+fn handle(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, index: usize) {
+    let Canvas { view, array, placement } = canvas;
+    let lenslet = &array.lenslets[index];
     let rect = frame_of(placement, lenslet);
     let id = ui.scope_id().with(("lenslet", index));
     let response = ui.interact(rect, id, Sense::click_and_drag());
     let name = format!("Lenslet {}", index + 1);
-    let selected = state.selection.contains(&index);
+    let selected = edited.selection.contains(index);
     response.widget_info(|| egui::WidgetInfo::selected(egui::Role::Button, true, selected, &name));
     let shift = ui.input(|input| input.modifiers.shift);
 
     if response.clicked() {
         // Space counts as a click and is held for panning: it keeps the selection.
         if response.clicked_by(PointerButton::Primary) || shift || !selected {
-            select(state, index, shift);
+            edited.selection.select(index, shift);
         }
         response.request_focus();
     }
     if response.drag_started_by(PointerButton::Primary) && !is_panning(ui) {
         response.request_focus();
         if let Some(origin) = ui.input(|input| input.pointer.press_origin()) {
-            take_hold(ui, state, placement, index, origin);
+            take_hold(ui, canvas, edited, index, origin);
         }
     }
-    drag_lenslets(state, placement, &response, array);
+    drag_lenslets(canvas, edited, &response);
     if response.has_focus() {
         // Arrow keys nudge lenslets instead of moving the focus.
         let filter = egui::EventFilter { horizontal_arrows: true, vertical_arrows: true, ..Default::default() };
         ui.memory_mut(|memory| memory.set_focus_lock_filter(id, filter));
         // Focus by Tab; a click has changed the selection already.
-        if response.gained_focus() && !response.clicked() && !state.selection.contains(&index) {
-            select(state, index, false);
+        if response.gained_focus() && !response.clicked() && !edited.selection.contains(index) {
+            edited.selection.select(index, false);
         }
     }
     if response.hovered() {
-        wheel(ui, state, index);
+        wheel(ui, canvas, edited, index);
     }
-    draw_handle(ui, &response, placement, array, lenslet, selected, radius);
-    if state.locks.indices().contains(&index) && state.session.shows_own_lenslets() {
+    draw_handle(ui, canvas, &response, lenslet, selected);
+    if view.is_locked(index) {
         let centre = placement.to_screen(lenslet.x, lenslet.y);
         let mark = Rect::from_center_size(centre, Vec2::splat(5.0));
         ui.painter().rect_filled(mark, 0.0, Color32::WHITE);
         ui.painter().rect_stroke(mark, 0.0, Stroke::new(1.0, Color32::BLACK), egui::StrokeKind::Outside);
     }
-    let tip = || {
+    if response.hovered() {
         let (minor, major) = lenslet.spot.principal_sigmas();
         let width =
             if (major - minor) < 1e-9 { format!("{minor:.3} px") } else { format!("{minor:.3} to {major:.3} px") };
-        format!("{name}: x {:.2} px, y {:.2} px, width {width}, weight {:.4}", lenslet.x, lenslet.y, lenslet.weight)
-    };
-    if response.hovered() {
-        state.hover = Some(tip());
+        let Lenslet { x, y, weight, .. } = lenslet;
+        let tip = format!("{name}: x {x:.2} px, y {y:.2} px, width {width}, weight {weight:.4}");
+        edited.requests.push(Request::Describe(tip));
     }
-    response.context_menu(|ui| lenslet_menu::show(ui, state, array, index));
+    response.context_menu(|ui| lenslet_menu::show(ui, edited.selection, view, index, edited.requests));
 }
 
 /// Lenslets moved together, as far as all of them stay inside the grid.
@@ -323,7 +352,7 @@ fn moved_by(from: &[(usize, Lenslet)], dx: f64, dy: f64, array: &LensletArray) -
 /// The wheel over a handle changes the weight of the selection, with Alt the width.
 ///
 /// Raw wheel events carry their own modifiers; egui's smoothed scrolling would continue after Alt is released.
-fn wheel(ui: &Ui, state: &mut State, index: usize) {
+fn wheel(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, index: usize) {
     let turns: Vec<(f64, bool)> = ui.input(|input| {
         let turn = |event: &egui::Event| match event {
             // Ctrl+wheel zooms.
@@ -342,9 +371,10 @@ fn wheel(ui: &Ui, state: &mut State, index: usize) {
     if turns.is_empty() {
         return;
     }
-    if !state.selection.contains(&index) {
-        select(state, index, false);
+    if !edited.selection.contains(index) {
+        edited.selection.select(index, false);
     }
+    let mut lenslets = edited.selection.of(canvas.array);
     for (notches, alt) in turns {
         let factor = WHEEL_FACTOR.powf(notches);
         let change = |lenslet: Lenslet| {
@@ -355,21 +385,16 @@ fn wheel(ui: &Ui, state: &mut State, index: usize) {
                 Lenslet { weight: (lenslet.weight * factor).clamp(0.0, 1e6), ..lenslet }
             }
         };
-        let lenslets = state.selected_lenslets().into_iter().map(|(index, lenslet)| (index, change(lenslet))).collect();
-        let what = if alt { LensletChange::Width } else { LensletChange::Weight };
-        state.send(&Command::ChangeLenslets { what, lenslets });
+        for (_, lenslet) in &mut lenslets {
+            *lenslet = change(*lenslet);
+        }
+        edited.change(if alt { LensletChange::Width } else { LensletChange::Weight }, lenslets.clone());
     }
 }
 
-fn draw_handle(
-    ui: &Ui,
-    response: &egui::Response,
-    placement: Placement,
-    array: &LensletArray,
-    lenslet: &Lenslet,
-    selected: bool,
-    radius: f32,
-) {
+fn draw_handle(ui: &Ui, canvas: Canvas<'_>, response: &egui::Response, lenslet: &Lenslet, selected: bool) {
+    let Canvas { array, placement, .. } = canvas;
+    let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
     let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
     let share = if brightest > 0.0 { (lenslet.weight / brightest) as f32 } else { 0.0 };
     let accent = ui.visuals().selection.stroke.color;
@@ -411,7 +436,8 @@ fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
 }
 
 /// Keys that nudge the selection or zoom around it, unless another control has the keyboard.
-fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
+fn keyboard(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, shown: &Shown) {
+    let array = canvas.array;
     let is_behind_a_question = !ui.memory(|memory| memory.allows_interaction(ui.layer_id()));
     if ui.ctx().text_edit_focused() || is_behind_a_question {
         return;
@@ -425,13 +451,13 @@ fn keyboard(ui: &Ui, state: &mut State, array: &LensletArray, shown: &Shown) {
         let step = if input.modifiers.shift { 10.0 * NUDGE_PX } else { NUDGE_PX };
         (axis(Key::ArrowRight, Key::ArrowLeft) * step, axis(Key::ArrowDown, Key::ArrowUp) * step)
     });
-    let selected = state.selection.first().and_then(|&index| array.lenslets.get(index));
-    let around = selected.map_or(shown.fit.center(), |lenslet| shown.placement.to_screen(lenslet.x, lenslet.y));
-    let viewport = &mut state.views.psf.viewport;
+    let selected = edited.selection.of(array);
+    let around =
+        selected.first().map_or(shown.fit.center(), |(_, lenslet)| shown.placement.to_screen(lenslet.x, lenslet.y));
+    let viewport = &mut edited.panel.psf.viewport;
     *viewport = zoomed_by_keys(*viewport, ui, around, shown.fit, (array.rows, array.cols));
-    if nudge != (0.0, 0.0) && !state.selection.is_empty() {
-        let moved = moved_by(&state.selected_lenslets(), nudge.0, nudge.1, array);
-        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: moved });
+    if nudge != (0.0, 0.0) && !selected.is_empty() {
+        edited.change(LensletChange::Position, moved_by(&selected, nudge.0, nudge.1, array));
     }
 }
 

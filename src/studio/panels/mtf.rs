@@ -4,74 +4,82 @@
 use egui::Ui;
 use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
+use crate::evaluation::Optics;
 use crate::optics::Mtf;
+use crate::studio::canvas::image_view::ImageView;
 use crate::studio::canvas::pan_zoom::PointerMode;
-use crate::studio::panels::parts::image_menu::{self, View};
+use crate::studio::panels::parts::image_menu::{self, MenuImage};
 use crate::studio::panels::parts::spectrum_plot;
-use crate::studio::state::app_state::State;
+use crate::studio::state::image_panels::{MtfMode, MtfState};
 use crate::studio::state::path_question::PathPurpose;
-use crate::studio::state::views::MtfView;
+use crate::studio::state::request::Request;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
-use crate::workbench::Curve;
+use crate::workbench::{Curve, Revisioned};
 
 /// Shows the transfer function or the spectrum.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let Some(optics) = state.live.optics.clone() else {
+pub fn show(ui: &mut Ui, state: &mut MtfState, view: &View<'_>, requests: &mut Vec<Request>) {
+    let Some(optics) = &view.live.optics else {
         placeholder(ui, "Rendering the PSF");
         return;
     };
     let mtf = &optics.value.mtf;
     toolbar(ui, |ui| {
-        for (view, text, name, hint) in [
-            (MtfView::Cuts, "Cuts", "Show MTF cuts", "Transfer function along the horizontal and the vertical"),
-            (MtfView::Map, "Map", "Show MTF map", "The whole transfer function"),
+        for (mode, text, name, hint) in [
+            (MtfMode::Cuts, "Cuts", "Show MTF cuts", "Transfer function along the horizontal and the vertical"),
+            (MtfMode::Map, "Map", "Show MTF map", "The whole transfer function"),
             (
-                MtfView::Spectrum,
+                MtfMode::Spectrum,
                 "Spectrum",
                 "Show spectrum",
                 "Power spectrum of the shown measurement, and that of its noise",
             ),
         ] {
-            let response = ui.selectable_value(&mut state.mtf_view, view, text).on_hover_text(hint);
+            let response = ui.selectable_value(&mut state.mode, mode, text).on_hover_text(hint);
             name_widget(&response, name);
         }
-        match state.mtf_view {
-            MtfView::Cuts => {
+        match state.mode {
+            MtfMode::Cuts => {
                 let export = ui.small_button("Export CSV...");
                 name_widget(&export, "Export MTF as CSV");
                 if export.clicked() {
-                    state
-                        .path_dialog
-                        .ask(PathPurpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }, state.session.path());
+                    requests.push(Request::AskPath(PathPurpose::ExportCurve { curve: curve(mtf), name: "mtf.csv" }));
                 }
             }
-            MtfView::Map => state.views.mtf.colour_controls(ui, &state.palettes),
-            MtfView::Spectrum => spectrum_plot::export_button(ui, state),
+            MtfMode::Map => state.image.colour_controls(ui, view.palettes),
+            MtfMode::Spectrum => spectrum_plot::export_button(ui, view, requests),
         }
     });
-    match state.mtf_view {
-        MtfView::Cuts => cuts(ui, mtf),
-        MtfView::Map => map(ui, state, optics.revision, mtf),
-        MtfView::Spectrum => spectrum_plot::show(ui, state),
+    match state.mode {
+        MtfMode::Cuts => cuts(ui, mtf),
+        MtfMode::Map => show_map(ui, &mut state.image, optics, view, requests),
+        MtfMode::Spectrum => spectrum_plot::show(ui, view, requests),
     }
 }
 
-fn map(ui: &mut Ui, state: &mut State, revision: u64, mtf: &Mtf) {
-    let stale = !state.is_current(revision);
-    let image = mtf.map.view();
+fn show_map(
+    ui: &mut Ui,
+    map: &mut ImageView,
+    optics: &Revisioned<Optics>,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
+    let is_current = view.is_current(optics.revision);
+    let image = optics.value.mtf.map.view();
     let (rows, cols) = image.dim();
-    let view = &mut state.views.mtf;
-    view.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
-    let shown = view.show(ui, &state.palettes, image, (revision, 0), stale, PointerMode::View);
+    map.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
+    let version = (optics.revision, 0);
+    let shown = map.show(ui, view.palettes, image, version, !is_current, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
         if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {
             let by_x = (x.round() - (cols / 2) as f64) / cols as f64;
             let by_y = (y.round() - (rows / 2) as f64) / rows as f64;
-            state.hover = Some(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"));
+            requests.push(Request::Describe(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}")));
         }
     }
-    image_menu::show(ui, state, View::Mtf, &shown, |_, _, _| {});
+    let menu = MenuImage { image, is_current, shown: &shown };
+    image_menu::show(ui, map, &menu, requests, |_, _, _| {});
 }
 
 fn cuts(ui: &mut Ui, mtf: &Mtf) {

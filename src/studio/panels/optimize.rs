@@ -5,30 +5,31 @@ use egui::{ComboBox, ProgressBar, Ui};
 use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
 use crate::evaluation::format_duration;
 use crate::studio::panels::parts::run_results;
-use crate::studio::state::app_state::{State, Transition};
-use crate::studio::state::optimize_form::{StartMask, offered};
+use crate::studio::state::action::Action;
+use crate::studio::state::optimize_form::{OptimizeState, StartMask, offered};
+use crate::studio::state::request::{Request, RunRequest};
+use crate::studio::state::transition::Transition;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{DesignRun, RunStatus};
 
 /// Shows the panel.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let form = &mut state.optimize_form;
-    form.turn_to(form.settings.preset, &state.session.design().objects);
-    let run = state.run.clone();
-    let active = run.as_ref().filter(|run| run.is_active());
+pub fn show(ui: &mut Ui, state: &mut OptimizeState, view: &View<'_>, requests: &mut Vec<Request>) {
+    state.turn_to(state.settings.preset, &view.design.objects);
+    let active = view.run.filter(|run| run.is_active());
     if let Some(run) = active {
-        progress(ui, state, run);
+        progress(ui, state, run, view.preview.is_following, requests);
         ui.separator();
     }
     let room = ui.available_height();
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         let top = ui.cursor().top();
         if active.is_none() {
-            order(ui, state, run.as_ref());
+            form(ui, state, view, requests);
             ui.separator();
         }
-        let Some(run) = &run else {
+        let Some(run) = view.run else {
             ui.weak(
                 "Lenslets move, merge, fade and sharpen while the information of their measurements increases. The mask of \
                  the run is shown in place of your design, which stays as it is until you accept one.",
@@ -38,13 +39,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
         if let RunStatus::Failed(sentence) = &run.status {
             ui.colored_label(ui.visuals().error_fg_color, sentence);
         }
-        run_results::show(ui, state, run, room - (ui.cursor().top() - top));
+        let room = room - (ui.cursor().top() - top);
+        run_results::show(ui, state, run, room, view, requests);
     });
 }
 
 /// Form of a new run.
-fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
-    let form = &mut state.optimize_form;
+fn form(ui: &mut Ui, form: &mut OptimizeState, view: &View<'_>, requests: &mut Vec<Request>) {
     ui.horizontal_wrapped(|ui| {
         let response = ComboBox::from_id_salt("start from")
             .selected_text(form.from.name())
@@ -65,7 +66,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             StartMask::Random | StartMask::RandomStarts => {
                 let field = NumberField::whole("Random lenslets", 1..=64).counting(" lenslet", " lenslets");
                 field.edit_whole(ui, &mut form.count);
-                let seed = form.seed.unwrap_or(state.session.open_design().seed);
+                let seed = form.seed.unwrap_or(view.open_design.seed);
                 let (field, edit) = NumberField::seed("Seed of the start").prefix("seed ").show(ui, seed as f64);
                 field.on_hover_text("Of the lenslets, the first of several, and of the run");
                 if let Some(edit) = edit {
@@ -80,8 +81,8 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                 for (preset, hint) in [
                     (
                         Preset::Default,
-                        "Small warm refits of what the mask climbs: whole measurements of beads, patches of 32 x 32 px for a \
-                         density model",
+                        "Short warm fits of the objective: whole measurements of beads, patches of 32 x 32 px for a density \
+                         model",
                     ),
                     (
                         Preset::Paper,
@@ -90,7 +91,7 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
                 ] {
                     let chosen = form.settings.preset == preset;
                     if ui.selectable_label(chosen, preset.to_string()).on_hover_text(hint).clicked() {
-                        form.turn_to(preset, &state.session.design().objects);
+                        form.turn_to(preset, &view.design.objects);
                     }
                 }
             })
@@ -99,18 +100,18 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
         let field = NumberField::whole("Steps", 1..=100_000).counting(" step", " steps");
         field.edit_whole(ui, &mut form.settings.steps);
     });
-    details(ui, state);
+    details(ui, form, view);
     ui.horizontal_wrapped(|ui| {
-        let start = ui.add_enabled(state.can_start_run(), egui::Button::new("Start run"));
+        let start = ui.add_enabled(form.can_start(view.open_design, view.run), egui::Button::new("Start run"));
         if start
             .on_disabled_hover_text(
                 "This design has no lenslets to move; fit some to its PSF (Presets), or start from random ones",
             )
             .clicked()
         {
-            state.request_transition(&ui.ctx().clone(), Transition::Run);
+            requests.push(Request::Transition(Transition::Run));
         }
-        let Some(last) = last.filter(|run| !run.is_active()) else { return };
+        let Some(last) = view.run.filter(|run| !run.is_active()) else { return };
         let is_extended = last.status == RunStatus::Finished;
         // Several finished starts have several results. A new run can start from each of them.
         if is_extended && last.start_number.1 > 1 {
@@ -122,17 +123,15 @@ fn order(ui: &mut Ui, state: &mut State, last: Option<&DesignRun>) {
             ("Resume", "Resumes the run where it was stopped")
         };
         if ui.button(text).on_hover_text(hint).clicked() {
-            let done = state.session.extend_run(state.optimize_form.further_steps(last));
-            run_results::show_resumed(state, done);
+            requests.push(Request::Run(RunRequest::Extend(form.further_steps(last))));
         }
     });
 }
 
 /// Form of the free parameters and the settings.
-fn details(ui: &mut Ui, state: &mut State) {
-    let locked = state.locks.indices().len();
-    let form = &mut state.optimize_form;
-    let objects = &state.session.design().objects;
+fn details(ui: &mut Ui, form: &mut OptimizeState, view: &View<'_>) {
+    let locked = view.locks.indices().len();
+    let objects = &view.design.objects;
     ui.collapsing("Details", |ui| {
         let settings = &mut form.settings;
         ui.horizontal_wrapped(|ui| {
@@ -190,7 +189,7 @@ fn details(ui: &mut Ui, state: &mut State) {
             1 => "One locked lenslet stays as it is".to_owned(),
             _ => format!("{locked} locked lenslets stay as they are"),
         };
-        ui.weak(text).on_hover_text("The Lenslets room locks them; it counts where the run starts from this design");
+        ui.weak(text).on_hover_text("The Lenslets panel locks them. Locks apply where the run starts from this design");
     });
 }
 
@@ -262,7 +261,7 @@ const PUBLISHED_RATES: [(&str, Rates); 3] =
     [("beads, Fashion-MNIST", Rates::PAPER), ("MNIST", Rates::PAPER_MNIST), ("CIFAR-10", Rates::PAPER_CIFAR)];
 
 /// Progress of the active run.
-fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+fn progress(ui: &mut Ui, state: &mut OptimizeState, run: &DesignRun, is_following: bool, requests: &mut Vec<Request>) {
     let steps = run.settings.steps;
     ui.add(ProgressBar::new(run.step as f32 / steps.max(1) as f32).desired_height(8.0));
     let of_what = if run.start_number.1 > 1 { " of this start" } else { "" };
@@ -280,21 +279,21 @@ fn progress(ui: &mut Ui, state: &mut State, run: &DesignRun) {
     ui.horizontal_wrapped(|ui| {
         if run.status == RunStatus::Paused {
             if ui.button("Resume run").clicked() {
-                state.session.pause_run(false);
+                requests.push(Request::Run(RunRequest::Pause(false)));
             }
         } else if ui.button("Pause run").clicked() {
-            state.session.pause_run(true);
+            requests.push(Request::Run(RunRequest::Pause(true)));
         }
         if ui.button(stop_label(run)).clicked() {
-            state.session.stop_run();
+            requests.push(Request::Do(Action::StopRun));
         }
-        let mut follow = state.session.is_following();
+        let mut follow = is_following;
         let hint = "Shows the masks of the run as they come, in place of your design";
         if ui.checkbox(&mut follow, "Follow").on_hover_text(hint).clicked() {
-            (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
-            state.session.follow_run(follow);
+            state.show_newest();
+            requests.push(Request::Run(RunRequest::Follow(follow)));
         }
-        ui.checkbox(&mut state.optimize_form.trajectories, "Trails");
+        ui.checkbox(&mut state.trajectories, "Trails");
     });
 }
 

@@ -7,34 +7,23 @@ use crate::objects::ObjectSource;
 use crate::sensor::Noise;
 use crate::studio::state::path_question::PathPurpose;
 use crate::studio::state::request::Request;
+use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{Command, Live};
+use crate::workbench::Command;
 
-/// Data that the panel shows.
-pub struct SceneView<'a> {
-    /// The shown design.
-    pub design: &'a Design,
-    /// Its results.
-    pub live: &'a Live,
-    /// Reason why there are no results.
-    pub failure: Option<&'a str>,
-}
-
-/// Shows the settings. Returns the requests of their controls.
-pub fn show(ui: &mut Ui, scene: &SceneView<'_>) -> Vec<Request> {
-    let mut requests = Vec::new();
+/// Shows the settings.
+pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        objects(ui, scene, &mut requests);
+        objects(ui, view, requests);
         ui.add_space(6.0);
         ui.separator();
-        sensor(ui, scene.design, &mut requests);
+        sensor(ui, view.design, requests);
     });
-    requests
 }
 
-fn objects(ui: &mut Ui, scene: &SceneView<'_>, requests: &mut Vec<Request>) {
-    let SceneView { design, live, failure } = *scene;
+fn objects(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    let design = view.design;
     ui.strong("Objects");
     ui.add_space(2.0);
     let density = match &design.objects {
@@ -118,7 +107,7 @@ fn objects(ui: &mut Ui, scene: &SceneView<'_>, requests: &mut Vec<Request>) {
             ui.weak("photons per pixel");
         });
     }
-    if let Some(scene) = live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
+    if let Some(scene) = view.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
         ui.weak(scene.value.set.describe());
         if let Some(understood) = scene.value.set.understood() {
             ui.weak(format!("File: {understood}"));
@@ -126,9 +115,9 @@ fn objects(ui: &mut Ui, scene: &SceneView<'_>, requests: &mut Vec<Request>) {
         for notice in scene.value.set.notices() {
             ui.colored_label(ui.visuals().warn_fg_color, notice);
         }
-    } else if let Some(busy) = &live.busy {
+    } else if let Some(busy) = &view.live.busy {
         ui.weak(busy);
-    } else if let Some(failure) = failure {
+    } else if let Some(failure) = view.failure() {
         ui.colored_label(ui.visuals().error_fg_color, failure);
     }
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::evaluation::LiveInformation;
 use crate::information::{BoundMethod, Bracket, Estimate, NamedBound, Protocol};
-use crate::studio::state::app_state::State;
+use crate::studio::state::view::View;
 use crate::workbench::{FinishedEstimate, LiveEstimate, Revisioned, RunBounds};
 
 /// All bounds of the shown design.
@@ -21,46 +21,55 @@ pub struct BoundSummary<'a> {
     pub bracket: Option<Bracket>,
     /// Smallest upper bound of finished estimates by one density model, for that patch.
     pub fitted: Option<NamedBound>,
-    /// Bracket of whole measurements, with their shape (rows, cols); includes estimates by one density model.
-    pub sensor: Option<(Bracket, [usize; 2])>,
+    /// Bracket of whole measurements; includes estimates by one density model.
+    pub sensor: Option<PatchBracket>,
+}
+
+/// Bracket of patches or whole measurements.
+#[derive(Clone, Debug)]
+pub struct PatchBracket {
+    /// The bracket.
+    pub bracket: Bracket,
+    /// Their shape (rows, cols).
+    pub patch: [usize; 2],
 }
 
 impl<'a> BoundSummary<'a> {
-    pub fn of(state: &State, bounds: &'a LiveInformation, revision: u64) -> Self {
+    pub fn of(view: &View<'_>, bounds: &'a LiveInformation, revision: u64) -> Self {
         // Compared by value: undo may return to an estimated design.
-        let design = state.session.design();
-        let is_of = |result: &&Revisioned<FinishedEstimate>| result.value.is_of(design, &state.live);
-        let scores = || state.run.iter().flat_map(|run| run.scores_of(design, &state.live));
-        let ordered = || state.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
+        let design = view.design;
+        let is_of = |result: &&Revisioned<FinishedEstimate>| result.value.is_of(design, view.live);
+        let scores = || view.run.iter().flat_map(|run| run.scores_of(design, view.live));
+        let ordered = || view.estimates.finished.iter().rev().filter(is_of).map(|result| &result.value.estimate);
         let finished = || ordered().chain(scores());
-        let live = state.estimates.live.as_ref();
-        let live = live.map(|live| (Arc::clone(&live.value), state.is_current(live.revision)));
+        let live = view.estimates.live.as_ref();
+        let live = live.map(|live| (Arc::clone(&live.value), view.is_current(live.revision)));
         let sensor = live.as_ref().filter(|(_, current)| *current).and_then(|(live, _)| live.sensor.as_ref());
-        let sensor = sensor.map(|sensor| (sensor.bracket.clone(), <[usize; 2]>::from(sensor.patch)));
+        let sensor = sensor.map(|sensor| PatchBracket { bracket: sensor.bracket.clone(), patch: sensor.patch.into() });
         let here = [bounds.patch.0, bounds.patch.1];
         let brackets: Vec<_> = finished()
             .filter_map(|estimate| {
                 let alone = || Bracket::new(vec![bound_of(estimate)?], Vec::new());
                 let of_whole = || alone().filter(|_| estimate.patch != here);
-                Some((estimate.bracket.clone().or_else(of_whole)?, estimate.patch))
+                Some(PatchBracket { bracket: estimate.bracket.clone().or_else(of_whole)?, patch: estimate.patch })
             })
             .chain(sensor)
             .collect();
         let of =
-            |patch| Bracket::joined(brackets.iter().filter(|(_, other)| *other == patch).map(|(bracket, _)| bracket));
+            |patch| Bracket::joined(brackets.iter().filter(|known| known.patch == patch).map(|known| &known.bracket));
         let fitted = finished().filter(|estimate| estimate.patch == here).filter_map(bound_of);
         let bracket = of(here);
-        let whole = brackets.iter().find(|(_, patch)| *patch != here);
-        let sensor = whole.and_then(|(_, patch)| Some((of(*patch)?, *patch)));
+        let whole = brackets.iter().map(|known| known.patch).find(|&patch| patch != here);
+        let sensor = whole.and_then(|patch| Some(PatchBracket { bracket: of(patch)?, patch }));
         let has_live = live.as_ref().is_some_and(|(_, current)| *current);
         let of_run = |patch| {
-            let run = state.run.as_ref().and_then(|run| run.bounds_of(design, patch));
+            let run = view.run.and_then(|run| run.bounds_of(design, patch));
             run.filter(|run| run.is_of_mask || !has_live)
         };
         let (run, run_of_sensor) = (of_run(Some(bounds.patch)), of_run(None));
         Self {
             bounds,
-            current: state.is_current(revision),
+            current: view.is_current(revision),
             // A live estimate of an earlier edit does not apply to a mask of a run.
             live: live.filter(|(_, current)| *current || (run.is_none() && run_of_sensor.is_none())),
             run,
@@ -71,9 +80,9 @@ impl<'a> BoundSummary<'a> {
         }
     }
 
-    /// Lower bound, bracket and shape (rows, cols) of whole measurements, if both sides are known.
-    pub fn sensor_bracket(&self) -> Option<(f64, &Bracket, [usize; 2])> {
-        self.sensor.as_ref().and_then(|(bracket, patch)| Some((bracket.lower?, bracket, *patch)))
+    /// Bracket of whole measurements with its lower bound, bits per pixel, if both sides are known.
+    pub fn sensor_bracket(&self) -> Option<(f64, &PatchBracket)> {
+        self.sensor.as_ref().and_then(|sensor| Some((sensor.bracket.lower?, sensor)))
     }
 
     /// Largest lower bound for patches.

@@ -3,17 +3,13 @@
 use serde_json::json;
 
 use crate::information::NUMBERS_VERSION;
-use crate::studio::state::app_state::State;
-use crate::studio::state::bound_summary::BoundSummary;
-use crate::studio::state::messages::Severity;
+use crate::studio::state::bound_summary::{BoundSummary, PatchBracket};
+use crate::studio::state::view::View;
 
-/// Copies all numbers of the shown design as JSON.
-pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
-    let Some(information) = state.live.information.clone() else {
-        state.messages.push(Severity::Failure, "The numbers of this design are not computed yet");
-        return;
-    };
-    let mut summary = BoundSummary::of(state, &information.value, information.revision);
+/// All numbers of the shown design as JSON; none before they are computed.
+pub fn numbers_json(view: &View<'_>) -> Option<String> {
+    let information = view.live.information.as_ref()?;
+    let mut summary = BoundSummary::of(view, &information.value, information.revision);
     summary.run.take_if(|run| !run.is_of_mask);
     summary.run_of_sensor.take_if(|run| !run.is_of_mask);
     let live = summary.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| {
@@ -23,8 +19,8 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         })
     });
     let (upper, upper_from) = summary.upper_bound().unzip();
-    let design = state.session.design();
-    let scene = state.live.scene.as_ref().filter(|scene| scene.value.serves(design));
+    let design = view.design;
+    let scene = view.live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let numbers = json!({
         "format": "lenslet-studio/numbers",
         "format_version": 2,
@@ -46,10 +42,10 @@ pub fn copy_numbers(ctx: &egui::Context, state: &mut State) {
         "last_edit": summary.current_live().and_then(|live| live.edit),
         "bracket": summary.bracket,
         "fitted": summary.fitted,
-        "sensor_bracket": summary.sensor.as_ref().map(|(bracket, patch)| json!({ "patch": patch, "bracket": bracket })),
+        "sensor_bracket": summary.sensor.as_ref().map(|PatchBracket { bracket, patch }| json!({ "patch": patch, "bracket": bracket })),
         "sensor_of_run": summary.run_of_sensor.as_ref().map(|run| json!({ "lower": run.lower, "upper": run.upper })),
-        "sensor_tamura": state.current_measurements().map(|measurements| measurements.value.tamura.mean),
+        "sensor_tamura": view.current_measurements().map(|measurements| measurements.value.tamura.mean),
         "object_tamura": scene.map(|scene| scene.value.tamura.mean),
     });
-    state.copy(ctx, format!("{numbers:#}\n"), "Numbers");
+    Some(format!("{numbers:#}\n"))
 }

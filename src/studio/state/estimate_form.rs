@@ -1,4 +1,4 @@
-//! The forms of the Estimates panel.
+//! State of the Estimates panel: its forms and the chosen estimate.
 
 use std::time::Duration;
 
@@ -6,8 +6,8 @@ use crate::evaluation::{Calibration, DensityModel, EstimateRequest, WeightsFiles
 use crate::information::{EngineChoice, Estimator, Protocol};
 use crate::studio::widgets::file_preview::Preview;
 
-/// The form of a new estimate.
-pub struct EstimateForm {
+/// State of the Estimates panel.
+pub struct EstimatesState {
     pub kind: Estimator,
     pub length: FitLengthForm,
     pub whole_sensor: bool,
@@ -21,7 +21,7 @@ pub struct EstimateForm {
     pub chosen: Option<usize>,
 }
 
-impl Default for EstimateForm {
+impl Default for EstimatesState {
     fn default() -> Self {
         let kind = Estimator::Bracket;
         let (length, camera) = (FitLengthForm::usual(kind), CameraForm::default());
@@ -29,7 +29,7 @@ impl Default for EstimateForm {
     }
 }
 
-impl EstimateForm {
+impl EstimatesState {
     /// Estimators that are fitted, with label and tooltip. The Gaussian bound is computed after every edit anyway.
     pub const KINDS: [(Estimator, &'static str, &'static str); 3] = [
         (

@@ -1,10 +1,14 @@
-//! The form of the Optimize panel.
+//! State of the Optimize panel: the form of a run and the shown result.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use crate::design::{IdealSettings, Objective, Preset};
+use crate::forward::Design;
 use crate::objects::ObjectSource;
-use crate::workbench::DesignRun;
+use crate::optics::LensletArray;
+use crate::studio::state::request::RunRequest;
+use crate::workbench::{DesignRun, Start};
 
 /// Number of random starts of one request.
 pub const STARTS: u64 = 8;
@@ -31,8 +35,8 @@ impl StartMask {
     }
 }
 
-/// The form of a new run, and the shown checkpoint.
-pub struct OptimizeForm {
+/// State of the Optimize panel: the form of a new run, and the shown checkpoint.
+pub struct OptimizeState {
     pub from: StartMask,
     /// Lenslets of a heuristic start.
     pub heuristic: usize,
@@ -51,7 +55,7 @@ pub struct OptimizeForm {
     pub trajectories: bool,
 }
 
-impl Default for OptimizeForm {
+impl Default for OptimizeState {
     fn default() -> Self {
         let settings = IdealSettings::new(Preset::Default, Objective::Posterior, 1);
         Self {
@@ -68,7 +72,59 @@ impl Default for OptimizeForm {
     }
 }
 
-impl OptimizeForm {
+impl OptimizeState {
+    /// Whether the run of the form can be started.
+    pub fn can_start(&self, open_design: &Design, run: Option<&DesignRun>) -> bool {
+        let has_lenslets = open_design.encoder.lenslets().is_some_and(|array| !array.lenslets.is_empty());
+        !run.is_some_and(DesignRun::is_active) && (has_lenslets || self.from != StartMask::Design)
+    }
+
+    /// Starts and settings of the run of the form. `locked` lenslets of the design stay as they are.
+    pub fn start(&mut self, design: &Arc<Design>, locked: &BTreeSet<usize>) -> (Vec<Start>, IdealSettings) {
+        self.show_newest();
+        self.turn_to(self.settings.preset, &design.objects);
+        let is_random = matches!(self.from, StartMask::Random | StartMask::RandomStarts);
+        let seed = self.seed.filter(|_| is_random).unwrap_or(design.seed);
+        let mut settings = IdealSettings { seed, ..self.settings.clone() };
+        let random = |seed: u64| Start::random(design, self.count, seed);
+        let starts = match self.from {
+            StartMask::Design => {
+                settings.locked = locked.iter().copied().collect();
+                vec![Start { name: design.encoder.describe(), design: Arc::clone(design) }]
+            }
+            StartMask::Heuristic => vec![Start::heuristic(design, self.heuristic)],
+            StartMask::Random => vec![random(seed)],
+            StartMask::RandomStarts => (0..STARTS).map(|number| random(seed.wrapping_add(number))).collect(),
+        };
+        (starts, settings)
+    }
+
+    /// Shows the newest checkpoint of the last run.
+    pub fn show_newest(&mut self) {
+        (self.checkpoint, self.chosen) = (None, None);
+    }
+
+    /// Shows a checkpoint and returns the request for its preview.
+    pub fn show_checkpoint(&mut self, index: usize, array: &LensletArray, run: &DesignRun) -> RunRequest {
+        self.checkpoint = Some(index);
+        RunRequest::Preview { array: array.clone(), start: Arc::clone(&run.start), follow: false }
+    }
+
+    /// Shows a result and the run that led to it. Returns the request for its preview.
+    pub fn show_result(&mut self, run: &DesignRun, place: usize) -> Option<RunRequest> {
+        let design = &run.ranked.get(place)?.design;
+        let array = design.encoder.lenslets()?.clone();
+        self.checkpoint = None;
+        self.chosen = run.run_of_result(place).map(Arc::new);
+        Some(RunRequest::Preview { array, start: Arc::clone(design), follow: false })
+    }
+
+    /// Shows the result of a finished run; of several starts it is the best. This is the scored mask, without dark lenslets.
+    pub fn show_end(&mut self, run: &DesignRun) -> Option<RunRequest> {
+        let place = if run.start_number.1 == 1 { place_of_own_result(run)? } else { 0 };
+        self.show_result(run, place)
+    }
+
     /// Steps by which a finished run is extended.
     pub fn further_steps(&self, run: &DesignRun) -> usize {
         // Steps set for another objective do not suit this run.
@@ -87,7 +143,48 @@ impl OptimizeForm {
     }
 }
 
+/// Index of the result of a run among all results.
+fn place_of_own_result(run: &DesignRun) -> Option<usize> {
+    let record = run.record.as_ref()?;
+    run.ranked.iter().position(|result| result.record.as_ref().is_some_and(|other| Arc::ptr_eq(other, record)))
+}
+
 /// Whether a preset offers an objective for these objects.
 pub fn offered(objective: Objective, preset: Preset, objects: &ObjectSource) -> bool {
     objective.suits(preset) && (objective != Objective::Posterior || objects.is_beads())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optics::{Diffuser, Encoder};
+
+    #[test]
+    fn random_starts_have_consecutive_seeds() {
+        let design = Arc::new(Design { seed: 40, ..Design::default() });
+        let mut state = OptimizeState { from: StartMask::RandomStarts, count: 3, ..OptimizeState::default() };
+        let (starts, settings) = state.start(&design, &BTreeSet::new());
+        let expected: Vec<Start> = (40..48).map(|seed| Start::random(&design, 3, seed)).collect();
+        let designs = |starts: &[Start]| starts.iter().map(|start| Arc::clone(&start.design)).collect::<Vec<_>>();
+        assert_eq!((settings.seed, designs(&starts)), (40, designs(&expected)));
+    }
+
+    #[test]
+    fn locks_hold_for_the_lenslets_of_the_design_alone() {
+        let (design, locked) = (Arc::new(Design::default()), BTreeSet::from([1, 4]));
+        let mut state = OptimizeState::default();
+        assert_eq!(state.start(&design, &locked).1.locked, [1, 4]);
+        state.from = StartMask::Heuristic;
+        assert!(state.start(&design, &locked).1.locked.is_empty());
+    }
+
+    #[test]
+    fn mask_without_lenslets_needs_another_start() {
+        let encoder = Encoder::Diffuser(Diffuser { aperture_px: 8, seed: 1 });
+        let diffuser = Design { encoder, ..Design::default() };
+        let mut state = OptimizeState::default();
+        assert!(state.can_start(&Design::default(), None) && !state.can_start(&diffuser, None));
+        state.from = StartMask::Random;
+        assert!(state.can_start(&diffuser, None));
+    }
 }

@@ -43,7 +43,7 @@ pub enum PathPurpose {
         colormap: Colormap,
     },
     /// Writes an image of a panel.
-    ExportPicture {
+    ExportPanel {
         /// Name of the panel.
         name: &'static str,
         /// Shape (rows, cols, 3).
@@ -74,7 +74,7 @@ impl PathPurpose {
             Self::ExportDesign => "Export design".into(),
             Self::ExportMeasurements => "Export measurements".into(),
             Self::ExportView { name, .. } => format!("Export {name} view"),
-            Self::ExportPicture { name, .. } => format!("Export image of {name}"),
+            Self::ExportPanel { name, .. } => format!("Export image of {name}"),
             Self::ExportRecord(_) => "Export record".into(),
             Self::ExportLive(_) => "Export record of the live estimate".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
@@ -95,7 +95,7 @@ impl PathPurpose {
             Self::KeepUnsaved => "A folder on a disk that is always connected; it is created if missing",
             Self::ExportMeasurements => "A folder for objects, noiseless and measurements; it is created if missing",
             Self::ExportView { .. } => "A PNG file with one pixel per value",
-            Self::ExportPicture { .. } => "A PNG file of the panel as shown",
+            Self::ExportPanel { .. } => "A PNG file of the panel as shown",
             Self::ExportRecord(_) => "A JSON file that reproduces the run",
             Self::ExportLive(_) => "A JSON file that `lenslet-studio reproduce FILE` reads",
             Self::ExportCurve { .. } => "A CSV file",
@@ -128,7 +128,7 @@ impl PathPurpose {
             Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf => Picker::Open,
             Self::SaveAs
             | Self::ExportView { .. }
-            | Self::ExportPicture { .. }
+            | Self::ExportPanel { .. }
             | Self::ExportRecord(_)
             | Self::ExportLive(_)
             | Self::ExportCurve { .. } => Picker::Save,
@@ -140,7 +140,7 @@ impl PathPurpose {
     pub fn extension(&self) -> Option<&'static str> {
         match self {
             Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
-            Self::ExportView { .. } | Self::ExportPicture { .. } => Some("png"),
+            Self::ExportView { .. } | Self::ExportPanel { .. } => Some("png"),
             Self::ExportCurve { .. } => Some("csv"),
             Self::OpenDesign
             | Self::OpenObjects
@@ -162,7 +162,7 @@ impl PathPurpose {
             Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),
-            Self::ExportView { name, .. } | Self::ExportPicture { name, .. } => {
+            Self::ExportView { name, .. } | Self::ExportPanel { name, .. } => {
                 folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
             }
             Self::ExportRecord(_) => folder.join("run.json"),

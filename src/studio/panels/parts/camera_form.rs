@@ -5,23 +5,23 @@ use std::path::PathBuf;
 use egui::{ComboBox, Ui};
 
 use crate::evaluation::{Calibration, MeasuredOrder};
-use crate::information::Estimator;
-use crate::studio::state::app_state::State;
-use crate::studio::state::estimate_form::OF_IMAGES;
-use crate::studio::state::messages::Severity;
+use crate::information::{EngineChoice, Estimator};
+use crate::studio::panels::parts::fit_length;
+use crate::studio::state::estimate_form::{EstimatesState, OF_IMAGES};
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::{EstimatesRequest, Request};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::FileUse;
 
 /// Shows the form.
-pub fn show(ui: &mut Ui, state: &mut State) {
+pub fn show(ui: &mut Ui, estimates: &mut EstimatesState, engine: EngineChoice, requests: &mut Vec<Request>) {
     ui.collapsing("Camera images", |ui| {
         ui.horizontal_wrapped(|ui| {
             if ui.button("Choose images...").clicked() {
-                state.path_dialog.ask(PathPurpose::ChooseImages, state.session.path());
+                requests.push(Request::AskPath(PathPurpose::ChooseImages));
             }
-            let form = &mut state.estimate_form.camera;
+            let form = &mut estimates.camera;
             let known = OF_IMAGES.iter().find(|(kind, _)| *kind == form.kind);
             let response = ComboBox::from_id_salt("estimator of images")
                 .selected_text(known.map_or("", |(_, name)| name))
@@ -37,7 +37,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             name_widget(&response, "Estimator of images");
             // The Gaussian bound needs no fit.
             if form.kind != Estimator::GaussianStationary {
-                form.length.show(ui, form.kind, "of the fit to images");
+                fit_length::show(ui, &mut form.length, form.kind, "of the fit to images");
             }
             let can_start = form.path.is_some();
             let start = ui.add_enabled(can_start, egui::Button::new("Estimate images"));
@@ -47,16 +47,13 @@ pub fn show(ui: &mut Ui, state: &mut State) {
                 && let Some(path) = form.path.clone()
             {
                 let measured = MeasuredOrder { source: PathBuf::from(path).into(), calibration: form.calibration };
-                let images = &state.estimate_form.camera;
-                let model = images.length.model(images.kind, state.preferences.engine);
-                let request = state.estimate_form.request_of(model);
-                if let Err(refusal) = state.session.order_estimate_of_images(measured, request) {
-                    state.messages.push(Severity::Failure, refusal);
-                }
+                let model = form.length.model(form.kind, engine);
+                let request = estimates.request_of(model);
+                requests.push(Request::Estimates(EstimatesRequest::StartOfImages(measured, request)));
             }
         });
         ui.horizontal(|ui| {
-            let form = &mut state.estimate_form.camera;
+            let form = &mut estimates.camera;
             let Calibration { gain, offset, bin } = &mut form.calibration;
             ui.label("gain");
             let field = NumberField::new("Images: gain", 1e-6..=1e6).speed(0.01);
@@ -68,7 +65,7 @@ pub fn show(ui: &mut Ui, state: &mut State) {
             let field = NumberField::whole("Images: bin", 1..=64);
             field.edit_whole(ui, bin).on_hover_text("Side of the squares of pixels that are summed");
         });
-        let form = &mut state.estimate_form.camera;
+        let form = &mut estimates.camera;
         if let Some(path) = &mut form.path {
             ui.add(egui::Label::new(egui::RichText::new(path.as_str()).weak()).truncate());
             form.preview.show(ui, path, FileUse::Measurements);

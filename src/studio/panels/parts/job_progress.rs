@@ -1,12 +1,12 @@
 //! Progress of jobs as text.
 
+use std::sync::Arc;
+
 use crate::evaluation::format_duration;
-use crate::studio::state::app_state::State;
 use crate::workbench::Activity;
 
 /// Name and progress of the first active job, and the number of others.
-pub fn summary(state: &State) -> Option<String> {
-    let all = state.session.activities();
+pub fn summary(all: &[Arc<Activity>]) -> Option<String> {
     let mut open = all.iter().filter(|activity| activity.is_open());
     let first = open.next()?;
     let more = open.count();

@@ -3,45 +3,40 @@
 use egui::Ui;
 
 use crate::optics::{Lenslet, LensletArray};
-use crate::studio::state::app_state::State;
+use crate::studio::state::action::Action;
+use crate::studio::state::request::Request;
+use crate::studio::state::selection::Selection;
+use crate::studio::state::view::View;
 use crate::workbench::{Command, LensletChange};
 
 /// Shows the entries for a lenslet and those selected with it.
-pub fn show(ui: &mut Ui, state: &mut State, array: &LensletArray, index: usize) {
+pub fn show(ui: &mut Ui, selection: &mut Selection, view: &View<'_>, index: usize, requests: &mut Vec<Request>) {
+    let Some(array) = view.design.encoder.lenslets() else { return };
     let Some(&lenslet) = array.lenslets.get(index) else { return };
-    if !state.selection.contains(&index) {
-        select(state, index, false);
+    if !selection.contains(index) {
+        selection.select(index, false);
     }
     if ui.button("Delete").clicked() {
-        state.delete_selection();
+        requests.push(Request::Do(Action::Delete));
         ui.close();
     }
     if ui.button("Duplicate").clicked() {
         let (x, y) = inside((lenslet.x + 1.0, lenslet.y + 1.0), array);
-        state.send(&Command::AddLenslet(Lenslet { x, y, ..lenslet }));
+        requests.push(Request::Change(Command::AddLenslet(Lenslet { x, y, ..lenslet })));
         ui.close();
     }
-    let lock = if state.selection.is_subset(state.locks.indices()) { "Unlock" } else { "Lock" };
+    let lock = if selection.indices().is_subset(view.locks.indices()) { "Unlock" } else { "Lock" };
     // Locks belong to the open design, not to a preview.
-    let button = ui.add_enabled(!state.session.is_previewing(), egui::Button::new(lock));
+    let button = ui.add_enabled(!view.preview.is_shown, egui::Button::new(lock));
     if button.on_hover_text("Locked lenslets stay unchanged in runs").clicked() {
-        state.locks.toggle(&state.selection);
+        requests.push(Request::ToggleLocks(selection.indices().clone()));
         ui.close();
     }
     if ui.button("Centre").clicked() {
         let middle = Lenslet { x: (array.cols / 2) as f64, y: (array.rows / 2) as f64, ..lenslet };
-        state.send(&Command::ChangeLenslets { what: LensletChange::Position, lenslets: vec![(index, middle)] });
+        let lenslets = vec![(index, middle)];
+        requests.push(Request::Change(Command::ChangeLenslets { what: LensletChange::Position, lenslets }));
         ui.close();
-    }
-}
-
-/// Selects a lenslet; with `add`, toggles it in the selection.
-pub fn select(state: &mut State, index: usize, add: bool) {
-    if !add {
-        state.selection.clear();
-    }
-    if !state.selection.insert(index) && add {
-        state.selection.remove(&index);
     }
 }
 

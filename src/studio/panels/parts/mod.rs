@@ -10,6 +10,7 @@ pub mod job_progress;
 pub mod lenslet_menu;
 pub mod linked_cursor;
 pub mod run_results;
+pub mod severity_colour;
 pub mod spectrum_plot;
 pub mod tamura_gauge;
 pub mod trajectories;

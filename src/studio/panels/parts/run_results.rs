@@ -9,12 +9,13 @@ use crate::design::{Checkpoint, IdealEvent, Objective, gain_summary};
 use crate::information::{Bracket, Estimate, between, rounded, with_interval};
 use crate::plural::counted;
 use crate::studio::panels::parts::hints::COUNTS;
-use crate::studio::state::app_state::State;
-use crate::studio::state::messages::Severity;
+use crate::studio::state::optimize_form::OptimizeState;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::{Request, RunRequest};
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::{DENSITY, LOWER, TRAJECTORY};
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::{DesignRun, RunStatus, comparison_summary, curve_of, estimate_command, patches_of, run_command};
+use crate::workbench::{DesignRun, comparison_summary, curve_of, estimate_command, patches_of, run_command};
 
 /// Height of the numbers and the slider above the curve of a run, points.
 const ABOVE_PLOT: f32 = 84.0;
@@ -26,11 +27,18 @@ const TAMURA: Color32 = Color32::from_rgb(120, 200, 120);
 const LENSLETS: Color32 = Color32::from_rgb(200, 140, 220);
 
 /// Shows the run, or the run of the chosen result. `room` points of height are visible without scrolling.
-pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
-    let chosen = state.optimize_form.chosen.clone();
+pub fn show(
+    ui: &mut Ui,
+    state: &mut OptimizeState,
+    all: &DesignRun,
+    room: f32,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
+    let chosen = state.chosen.clone();
     let run = chosen.as_deref().unwrap_or(all);
-    ranking(ui, state, all);
-    comparison(ui, state, all);
+    ranking(ui, state, all, requests);
+    comparison(ui, all, requests);
     if run.checkpoints.is_empty() {
         if run.is_active() {
             ui.weak("The first fit takes some seconds.");
@@ -38,48 +46,16 @@ pub fn show(ui: &mut Ui, state: &mut State, all: &DesignRun, room: f32) {
         return;
     }
     let last = run.checkpoints.len() - 1;
-    let shown = state.optimize_form.checkpoint.unwrap_or(last).min(last);
-    value(ui, state, run, shown);
-    rewind(ui, state, run, shown);
+    let shown = state.checkpoint.unwrap_or(last).min(last);
+    value(ui, run, shown, requests);
+    rewind(ui, state, run, shown, view, requests);
     information_plot(ui, run, shown, (room - ABOVE_PLOT).clamp(120.0, 320.0));
-    notes(ui, state, run);
+    notes(ui, run, view);
     other_plots(ui, run);
 }
 
-/// Loads the state of the run. A finished run shows its result; of several starts it is the best. This is the scored
-/// mask, without dark lenslets.
-pub fn take_up(state: &mut State) {
-    let was_followed = state.session.is_following();
-    state.run = state.session.sync_run();
-    let has_ended = |run: &&DesignRun| run.status == RunStatus::Finished;
-    if was_followed && let Some(run) = state.run.as_ref().filter(has_ended).cloned() {
-        let place = if run.start_number.1 == 1 { place_of(&run, &run) } else { Some(0) };
-        if let Some(place) = place {
-            show_result(state, &run, place);
-        }
-    }
-}
-
-/// Shows a result and the run that led to it.
-fn show_result(state: &mut State, run: &DesignRun, place: usize) {
-    if let Some(result) = run.ranked.get(place)
-        && let Some(array) = result.design.encoder.lenslets()
-    {
-        state.optimize_form.checkpoint = None;
-        state.optimize_form.chosen = run.run_of_result(place).map(Arc::new);
-        state.session.follow_run(false);
-        state.go(|session| session.preview(array, &result.design));
-    }
-}
-
-/// Index of the result of a run among the results of `all`.
-fn place_of(all: &DesignRun, run: &DesignRun) -> Option<usize> {
-    let record = run.record.as_ref()?;
-    all.ranked.iter().position(|result| result.record.as_ref().is_some_and(|other| Arc::ptr_eq(other, record)))
-}
-
 /// Shows the score of a mask.
-fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
+fn value(ui: &mut Ui, run: &DesignRun, shown: usize, requests: &mut Vec<Request>) {
     let checkpoint = &run.checkpoints[shown];
     ui.horizontal(|ui| {
         // The space beside the button in the corner.
@@ -89,13 +65,13 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
             let (sign, hint) = match run.settings.objective {
                 Objective::Density | Objective::PixelCnn => (
                     '\u{2264}',
-                    "Of held-out objects, under the density model of the run: an upper bound. Where scenes are sparse it can \
-                     climb because it is loose; the lower bound tells.",
+                    "Upper bound on held-out objects, by the density model of the run. It is loose for sparse scenes; judge \
+                     these by a lower bound.",
                 ),
                 Objective::Posterior => (
                     '\u{2265}',
-                    "What the decoder of the run tells of fresh scenes: the information is at least this. A bracket of the \
-                     design follows the posterior and tells more.",
+                    "Lower bound on new scenes, by the decoder of the run. A bracket of the design adds annealed importance \
+                     sampling and is narrower.",
                 ),
             };
             ui.strong(format!("{sign} {}", with_interval(checkpoint.bits_per_pixel, checkpoint.interval_95)));
@@ -105,12 +81,11 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
             if let Some(lower) = run.checkpoints[..=shown].iter().rev().find_map(|checkpoint| checkpoint.lower) {
                 let text = format!("\u{2265} {}", rounded(lower.bits_per_pixel));
                 ui.colored_label(LOWER, text).on_hover_text(
-                    "What the decoder of the program tells of fresh scenes, taken at every fifth refit: the information is at \
-                     least this.",
+                    "Lower bound on new scenes, by the pretrained decoder, at every fifth refit",
                 );
             }
         });
-        more(ui, state, run);
+        more(ui, run, requests);
     });
     let patch = patches_of(run.record.as_ref().map_or(run.settings.patch, |record| record.settings.patch));
     ui.weak(format!(
@@ -123,29 +98,36 @@ fn value(ui: &mut Ui, state: &mut State, run: &DesignRun, shown: usize) {
 }
 
 /// Menu that copies, exports or opens parts of the run.
-fn more(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+fn more(ui: &mut Ui, run: &DesignRun, requests: &mut Vec<Request>) {
     let more = ui.menu_button("...", |ui| {
         if ui.button("Export curve of run...").on_hover_text("As a table, CSV").clicked() {
             let curve = curve_of(run.settings.objective, &run.checkpoints);
-            state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "run.csv" }, state.session.path());
+            requests.push(Request::AskPath(PathPurpose::ExportCurve { curve, name: "run.csv" }));
         }
         if let Some(record) = &run.record {
             let export = ui.button("Export record of run...");
-            if export.on_hover_text("Everything that is needed to repeat the run, as JSON").clicked() {
-                state.path_dialog.ask(PathPurpose::ExportRecord(Arc::clone(record)), state.session.path());
+            if export.on_hover_text("All that is needed to reproduce the run, as JSON").clicked() {
+                requests.push(Request::AskPath(PathPurpose::ExportRecord(Arc::clone(record))));
             }
         }
         let copy = ui.button("Copy command of run");
-        if copy.on_hover_text("The command line that makes the same run again").clicked() {
-            state.copy_command(ui.ctx(), run_command(&run.start, &run.settings, &run.events));
+        if copy.on_hover_text("The command line that reproduces the run").clicked() {
+            requests.push(Request::CopyCommand(run_command(&run.start, &run.settings, &run.events)));
         }
     });
-    let hint = "Export the curve or the record of the run, or copy the command line that makes it again";
+    let hint = "Export the curve or the record of the run, or copy the command line that reproduces it";
     name_widget(&more.response.on_hover_text(hint), "More of the run");
 }
 
 /// Slider over all masks, from the start to the newest.
-fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
+fn rewind(
+    ui: &mut Ui,
+    state: &mut OptimizeState,
+    run: &DesignRun,
+    mut shown: usize,
+    view: &View<'_>,
+    requests: &mut Vec<Request>,
+) {
     let last = run.checkpoints.len() - 1;
     ui.horizontal(|ui| {
         let back = ui.small_button("Start").on_hover_text("The mask that the run started from");
@@ -153,36 +135,23 @@ fn rewind(ui: &mut Ui, state: &mut State, run: &DesignRun, mut shown: usize) {
         if back.clicked()
             && let Some(array) = run.start.encoder.lenslets()
         {
-            state.optimize_form.checkpoint = Some(0);
-            state.session.follow_run(false);
-            state.go(|session| session.preview(array, &run.start));
+            requests.push(Request::Run(state.show_checkpoint(0, array, run)));
         }
         ui.spacing_mut().slider_width = (ui.available_width() - NEWEST_WIDTH).max(60.0);
         let slider = ui.add(Slider::new(&mut shown, 0..=last.max(1)).show_value(false));
         name_widget(&slider, "Rewind");
         if slider.changed() && shown <= last {
-            state.optimize_form.checkpoint = Some(shown);
-            state.session.follow_run(false);
-            state.go(|session| session.preview(&run.checkpoints[shown].array, &run.start));
+            requests.push(Request::Run(state.show_checkpoint(shown, &run.checkpoints[shown].array, run)));
         }
-        let newest = ui.small_button("Newest").on_hover_text("The mask that the run has come to");
+        let newest = ui.small_button("Newest").on_hover_text("The newest mask of the run");
         name_widget(&newest, "Show newest");
         if newest.clicked() {
-            (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None);
-            let newest = state.run.clone();
-            let run = newest.as_ref().unwrap_or(run);
-            state.go(|session| session.preview(&run.array, &run.start));
-            state.session.follow_run(run.is_active());
+            state.show_newest();
+            let run = view.run.unwrap_or(run);
+            let (array, start) = ((*run.array).clone(), Arc::clone(&run.start));
+            requests.push(Request::Run(RunRequest::Preview { array, start, follow: run.is_active() }));
         }
     });
-}
-
-/// Shows the resumed run, or why it was not resumed.
-pub fn show_resumed(state: &mut State, done: Result<(), String>) {
-    match done {
-        Ok(()) => (state.optimize_form.checkpoint, state.optimize_form.chosen) = (None, None),
-        Err(refusal) => state.messages.push(Severity::Failure, refusal),
-    }
 }
 
 /// A curve over the steps of a run.
@@ -251,7 +220,7 @@ fn other_plots(ui: &mut Ui, run: &DesignRun) {
 }
 
 /// Notes on the events of the run, such as reverts and relocations.
-fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
+fn notes(ui: &mut Ui, run: &DesignRun, view: &View<'_>) {
     for line in IdealEvent::event_summary(&run.events) {
         ui.weak(line);
     }
@@ -259,21 +228,21 @@ fn notes(ui: &mut Ui, state: &State, run: &DesignRun) {
         ui.weak(sentence);
     }
     // The object-entropy bound of this mask, for patches like those of the run.
-    let is_shown = state.session.design().encoder.lenslets() == Some(&*run.array);
-    let information = state.live.information.as_ref().filter(|information| {
-        is_shown && state.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
+    let is_shown = view.design.encoder.lenslets() == Some(&*run.array);
+    let information = view.live.information.as_ref().filter(|information| {
+        is_shown && view.is_current(information.revision) && run.settings.patch == Some(information.value.patch)
     });
     let ceiling = information.and_then(|information| information.value.ceiling_bits());
     if let (Some(ceiling), Some(last)) = (ceiling, run.checkpoints.last())
         && last.interval_95[0] > ceiling
     {
-        let warning = "The run's estimate lies above what the objects hold at all: judge the design by a bracket.";
+        let warning = "The estimate of the run exceeds the entropy bound. Judge the design by a bracket.";
         ui.colored_label(ui.visuals().warn_fg_color, warning);
     }
 }
 
 /// Results of finished starts, the best first.
-fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+fn ranking(ui: &mut Ui, state: &mut OptimizeState, run: &DesignRun, requests: &mut Vec<Request>) {
     for sentence in &run.failures {
         ui.colored_label(ui.visuals().error_fg_color, sentence);
     }
@@ -286,40 +255,39 @@ fn ranking(ui: &mut Ui, state: &mut State, run: &DesignRun) {
             };
             let text = format!("{}. {}: {bits}", place + 1, result.name);
             let open = ui.button(text).on_hover_text(format!(
-                "Shows this design and the run that led to it. Its numbers, bits per pixel on objects that the run never saw, \
-                 in patches and for the whole sensor, come from models of their own: a bracket, ranked by its lower bound, or \
-                 the live estimate where no lower bound is known; for the whole sensor where that is known of all. In patches: {}",
+                "Previews this result and shows its run. The numbers are bits per pixel on held-out objects, by models fitted for \
+                 the score: a bracket, or the live estimate where no lower bound is known. The lower bound ranks the results, \
+                 for the whole sensor where all have one. In patches: {}",
                 with_intervals(estimate)
             ));
             name_widget(&open, &format!("Result {}", place + 1));
             if open.clicked() {
-                show_result(state, run, place);
+                requests.extend(state.show_result(run, place).map(Request::Run));
             }
-            let copy = ui.small_button("Copy").on_hover_text("The command lines that compute these numbers again");
+            let copy = ui.small_button("Copy").on_hover_text("The command lines that reproduce these numbers");
             name_widget(&copy, &format!("Copy command of result {}", place + 1));
             if copy.clicked() {
                 let commands = result.requests().into_iter().map(|request| estimate_command(&result.design, &request));
-                state.copy_command(ui.ctx(), commands.collect::<Result<Vec<_>, _>>().map(|lines| lines.join("\n")));
+                let commands = commands.collect::<Result<Vec<_>, _>>().map(|lines| lines.join("\n"));
+                requests.push(Request::CopyCommand(commands));
             }
             if let Some(sensor) = &result.sensor {
-                let told = format!("The same for whole measurements: {}", with_intervals(sensor));
-                ui.weak(format!("sensor {}", short(sensor))).on_hover_text(told);
+                let hint = format!("The same for whole measurements: {}", with_intervals(sensor));
+                ui.weak(format!("sensor {}", short(sensor))).on_hover_text(hint);
             }
         });
     }
 }
 
 /// The best result beside its start and the heuristic layouts.
-fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
+fn comparison(ui: &mut Ui, run: &DesignRun, requests: &mut Vec<Request>) {
     let has_result = run.ranked.first().is_some_and(|best| best.record.is_some());
     if has_result && !run.is_active() {
         let compare = ui.button("Compare with heuristic layouts");
-        let hint = "Estimates the best result, its start and the nine published layouts alike, in patches and for the whole \
-                    sensor: 22 fits of 20 s, and their scoring. Stop it when you like; it goes on from there";
-        if compare.on_hover_text(hint).clicked()
-            && let Err(refusal) = state.session.compare_result()
-        {
-            state.messages.push(Severity::Failure, refusal);
+        let hint = "Estimates the best result, its start and the nine published layouts in the same way, in patches and for \
+                    the whole sensor: 22 fits of 20 s and their scores. It can be stopped and resumed";
+        if compare.on_hover_text(hint).clicked() {
+            requests.push(Request::Run(RunRequest::Compare));
         }
     }
     if let Some(sentence) = &run.comparison_failure {
@@ -337,10 +305,10 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
                 ui.label(&design.name);
                 for &patch in &study.settings.patches {
                     let cell = study.cells.iter().find(|cell| cell.design == design.name && cell.patch == patch);
-                    let told = cell.and_then(|cell| cell.estimate.as_ref());
+                    let estimate = cell.and_then(|cell| cell.estimate.as_ref());
                     let failure = cell.and_then(|cell| cell.failure.clone());
-                    match (told, failure) {
-                        (Some(told), _) => ui.label(short(told)).on_hover_text(with_intervals(told)),
+                    match (estimate, failure) {
+                        (Some(estimate), _) => ui.label(short(estimate)).on_hover_text(with_intervals(estimate)),
                         (None, Some(sentence)) => ui.weak("failed").on_hover_text(sentence),
                         (None, None) => ui.weak("\u{2026}"),
                     };
@@ -356,12 +324,12 @@ fn comparison(ui: &mut Ui, state: &mut State, run: &DesignRun) {
 
 /// An estimate with the intervals of its bounds, 95 %.
 fn with_intervals(estimate: &Estimate) -> String {
-    let upper = |bits, of| format!("at most {}", with_interval(bits, of));
+    let upper = |bits, of| format!("upper bound {}", with_interval(bits, of));
     match &estimate.bracket {
         Some(Bracket {
             lower: Some(lower), lower_interval_95: Some(of_lower), upper: bits, upper_interval_95, ..
         }) => {
-            format!("at least {}, {}", with_interval(*lower, *of_lower), upper(*bits, *upper_interval_95))
+            format!("lower bound {}, {}", with_interval(*lower, *of_lower), upper(*bits, *upper_interval_95))
         }
         _ => upper(estimate.bits_per_pixel, estimate.interval_95),
     }

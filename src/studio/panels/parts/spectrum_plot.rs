@@ -5,31 +5,34 @@ use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line,
 
 use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
-use crate::studio::state::app_state::State;
 use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::request::Request;
+use crate::studio::state::samples::ShownSample;
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::ENTROPY_BOUND;
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::{Curve, InspectionKey};
 
 /// Draws the spectrum.
-pub fn show(ui: &mut Ui, state: &mut State) {
-    let Some(measurements) = state.live.measurements.clone() else {
+pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    if view.live.measurements.is_none() {
+        placeholder(ui, "Computing");
+        return;
+    }
+    requests.push(Request::Inspect);
+    let Some(inspection) = &view.live.closer else {
         placeholder(ui, "Computing");
         return;
     };
-    let Some(closer) = state.inspect(&measurements) else {
-        placeholder(ui, "Computing");
-        return;
-    };
-    let spectrum = &closer.spectrum;
-    let current = is_shown(state, &closer.key);
+    let spectrum = &inspection.spectrum;
+    let current = is_shown(view, &inspection.key);
     let powers: Vec<[f64; 2]> = spectrum.radial.iter().copied().filter(|[_, power]| *power > 0.0).collect();
     if powers.is_empty() {
         placeholder(ui, "This measurement has no frequencies above 0.");
         return;
     }
-    let (name, noise) = noise_level(state.session.design().noise, spectrum.mean);
+    let (name, noise) = noise_level(view.design.noise, spectrum.mean);
     // The noise level belongs to the current measurement.
     let noise = noise.filter(|noise| *noise > 0.0 && current);
     // The plot has no logarithmic axis: it draws logarithms and labels powers.
@@ -64,20 +67,21 @@ pub fn show(ui: &mut Ui, state: &mut State) {
 }
 
 /// Whether an inspection belongs to the shown measurement.
-fn is_shown(state: &State, key: &InspectionKey) -> bool {
-    state.is_current(key.revision) && (key.sample, key.noisy) == (state.sample, state.noisy)
+fn is_shown(view: &View<'_>, key: &InspectionKey) -> bool {
+    let shown = ShownSample { index: key.sample, noisy: key.noisy };
+    view.is_current(key.revision) && shown == view.shared.sample
 }
 
 /// Shows the export button.
-pub fn export_button(ui: &mut Ui, state: &mut State) {
-    let closer = state.live.closer.clone().filter(|closer| is_shown(state, &closer.key));
-    let export = ui.add_enabled(closer.is_some(), egui::Button::new("Export CSV...").small());
+pub fn export_button(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
+    let shown = view.live.closer.as_ref().filter(|inspection| is_shown(view, &inspection.key));
+    let export = ui.add_enabled(shown.is_some(), egui::Button::new("Export CSV...").small());
     name_widget(&export, "Export spectrum as CSV");
     if export.clicked()
-        && let Some(closer) = closer
+        && let Some(inspection) = shown
     {
-        let curve = curve(&closer.spectrum, state.session.design().noise);
-        state.path_dialog.ask(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }, state.session.path());
+        let curve = curve(&inspection.spectrum, view.design.noise);
+        requests.push(Request::AskPath(PathPurpose::ExportCurve { curve, name: "spectrum.csv" }));
     }
 }
 

@@ -3,19 +3,19 @@
 use egui::{RichText, Sense, Stroke, Ui, pos2, vec2};
 
 use crate::plural::counted;
-use crate::studio::state::app_state::State;
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::{ENTROPY_BOUND, GAUSSIAN};
 
 /// Sensor Tamura coefficient near which the published optima of bead designs lie (Kabuli et al. 2026).
 pub const TAMURA_GUIDE: f64 = 0.75;
 
 /// Tamura coefficients of sensor and objects on one scale, with the published guide.
-pub fn show(ui: &mut Ui, state: &State) {
+pub fn show(ui: &mut Ui, view: &View<'_>) {
     const RANGE: (f64, f64) = (0.5, 1.5);
-    let Some(measurements) = &state.live.measurements else { return };
+    let Some(measurements) = &view.live.measurements else { return };
     let (sensor, current) =
-        (measurements.value.tamura, state.is_current(measurements.revision) || state.session.is_following());
-    let objects = state.live.scene.as_ref().map(|scene| scene.value.tamura);
+        (measurements.value.tamura, view.is_current(measurements.revision) || view.preview.is_following);
+    let objects = view.live.scene.as_ref().map(|scene| scene.value.tamura);
     let stage = if current { "" } else { ", of an earlier edit" };
     ui.horizontal(|ui| {
         ui.label("Sensor Tamura");

@@ -7,13 +7,12 @@ use egui::{Stroke, Ui};
 use crate::design::{Checkpoint, IdealEvent};
 use crate::optics::{Lenslet, LensletArray};
 use crate::studio::canvas::viewport::Placement;
-use crate::studio::state::app_state::State;
+use crate::studio::state::view::View;
 use crate::studio::widgets::colours::TRAJECTORY;
 
 /// Draws the trajectories of all lenslets where the mask belongs to the last run, the bright ones more clearly.
-pub fn draw(ui: &Ui, state: &State, placement: Placement, array: &LensletArray) {
-    let form = &state.optimize_form;
-    let Some(run) = form.chosen.as_deref().or(state.run.as_ref()).filter(|_| form.trajectories) else { return };
+pub fn draw(ui: &Ui, view: &View<'_>, placement: Placement, array: &LensletArray) {
+    let Some(run) = view.run_with_trajectories() else { return };
     let shown = run.checkpoints.iter().position(|checkpoint| checkpoint.array == *array);
     let is_newest = *run.array == *array;
     let is_other = |checkpoint: &Checkpoint| checkpoint.array.lenslets.len() != array.lenslets.len();

@@ -1,0 +1,70 @@
+//! What follows from the answer to a question for a path.
+
+use std::path::PathBuf;
+
+use ndarray::{Array4, ArrayD, Axis};
+
+use crate::objects::ObjectSource;
+use crate::studio::app::state::State;
+use crate::studio::state::messages::Severity;
+use crate::studio::state::path_question::{PathPurpose, PathQuestion};
+use crate::workbench::{Job, MeasurementFormat};
+
+impl State {
+    /// Acts on an answered question for a path.
+    pub fn use_path(&mut self, question: PathQuestion) {
+        let path = question.target();
+        let job = match question.purpose {
+            PathPurpose::OpenDesign => return self.session.open_file(path),
+            PathPurpose::SaveAs => return self.session.save_to(path),
+            PathPurpose::OpenObjects => return self.session.open_objects(ObjectSource::guess(&path)),
+            PathPurpose::ChooseImages => {
+                let form = &mut self.panels.estimates.camera;
+                return form.choose(question.path.trim().to_owned(), question.preview);
+            }
+            PathPurpose::ImportPsf => {
+                let side = Some(question.resample).filter(|&side| side > 0);
+                return self.session.import_psf(path, side);
+            }
+            PathPurpose::KeepUnsaved => {
+                return self.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
+            }
+            PathPurpose::ExportMeasurements => return self.export_measurements(path, question.format),
+            PathPurpose::ExportDesign => Job::ExportDesign { design: self.session.design().clone(), folder: path },
+            PathPurpose::ExportView { image, limits, colormap, .. } => {
+                Job::ExportView { image, limits, colormap, path }
+            }
+            PathPurpose::ExportPanel { image, .. } => Job::ExportPicture { image, path },
+            PathPurpose::ExportRecord(record) => Job::ExportRecord { record, path },
+            PathPurpose::ExportLive(record) => Job::ExportLive { record, path, for_command: false },
+            PathPurpose::ExportCurve { curve, .. } => Job::ExportCurve { curve, path },
+        };
+        self.session.submit(job);
+    }
+
+    fn export_measurements(&mut self, folder: PathBuf, format: MeasurementFormat) {
+        let view = self.parts().view;
+        let scene = view.live.scene.as_ref().filter(|scene| view.is_current(scene.revision));
+        let (Some(scene), Some(measurements)) = (scene, view.current_measurements()) else {
+            let refusal = "There are no measurements of this design yet; wait until they are computed.";
+            self.messages.push(Severity::Failure, refusal);
+            return;
+        };
+        let job = Job::ExportMeasurements {
+            objects: objects_of(&scene.value.objects),
+            noiseless: measurements.value.noiseless.clone(),
+            noisy: measurements.value.noisy.clone(),
+            format,
+            folder,
+        };
+        self.session.submit(job);
+    }
+}
+
+/// Exported objects; a single plane has no axis: shape (n, planes, rows, cols) or (n, rows, cols).
+fn objects_of(objects: &Array4<f32>) -> ArrayD<f32> {
+    match objects.len_of(Axis(1)) {
+        1 => objects.index_axis(Axis(1), 0).to_owned().into_dyn(),
+        _ => objects.clone().into_dyn(),
+    }
+}

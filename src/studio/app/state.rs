@@ -1,0 +1,254 @@
+//! The state of the whole window.
+
+use std::cmp::Reverse;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::studio::canvas::image_view::ColourPalettes;
+use crate::studio::state::dialogs::Dialogs;
+use crate::studio::state::edit_history::EditHistory;
+use crate::studio::state::locks::Locks;
+use crate::studio::state::messages::{Messages, Severity};
+use crate::studio::state::panels::Panels;
+use crate::studio::state::preferences::Preferences;
+use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
+use crate::studio::state::window_layout::WindowLayout;
+use crate::studio::widgets::clipboard::Clipboard;
+use crate::workbench::{
+    DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, Recovered, Session, bounds_command,
+    reproduce_command,
+};
+
+/// The state of the window. Panels and dialogs get [`Parts`] of it.
+pub struct State {
+    /// The open design and its worker.
+    pub session: Session,
+    /// Results as of this frame.
+    pub live: Live,
+    /// Longer estimates as of this frame.
+    pub estimates: Estimates,
+    /// The run that optimizes the mask, as of this frame.
+    pub run: Option<DesignRun>,
+    /// Key of the last requested inspection of the shown measurement.
+    inspected: Option<InspectionKey>,
+    /// Locked lenslets.
+    pub locks: Locks,
+    /// Information after each edit.
+    pub edit_history: EditHistory,
+    /// State of the panels.
+    pub panels: Panels,
+    /// State of the dialogs.
+    pub dialogs: Dialogs,
+    /// Message log.
+    pub messages: Messages,
+    /// The value under the pointer, for the status bar.
+    pub hover: Option<String>,
+    /// Colours of all maps.
+    palettes: ColourPalettes,
+    /// Clipboard of copied texts.
+    pub clipboard: Clipboard,
+    /// Preferences of the user.
+    pub preferences: Preferences,
+    /// Name of the renderer; none in tests.
+    pub renderer: Option<&'static str>,
+    /// Folder of the application data, if any.
+    pub folder: Option<PathBuf>,
+    /// What the window shows where.
+    pub layout: WindowLayout,
+    /// Seed of the last random start.
+    pub random_start: Option<u64>,
+}
+
+/// The parts of the state that panels and dialogs get.
+pub struct Parts<'a> {
+    /// What they read.
+    pub view: View<'a>,
+    /// What panels change themselves.
+    pub panels: &'a mut Panels,
+    /// What dialogs change themselves.
+    pub dialogs: &'a mut Dialogs,
+    /// The message log.
+    pub messages: &'a mut Messages,
+    /// Information after each edit.
+    pub edit_history: &'a EditHistory,
+}
+
+impl State {
+    /// State of a new window on a session.
+    pub fn new(session: Session) -> Self {
+        let (live, estimates) = (session.live(), session.estimates());
+        Self {
+            session,
+            live,
+            estimates,
+            run: None,
+            inspected: None,
+            locks: Locks::default(),
+            edit_history: EditHistory::default(),
+            panels: Panels::default(),
+            dialogs: Dialogs::default(),
+            messages: Messages::default(),
+            hover: None,
+            palettes: ColourPalettes::default(),
+            clipboard: Clipboard::default(),
+            preferences: Preferences::default(),
+            renderer: None,
+            folder: None,
+            layout: WindowLayout::default(),
+            random_start: None,
+        }
+    }
+
+    /// The parts that panels and dialogs get, as of now.
+    pub fn parts(&mut self) -> Parts<'_> {
+        let session = &self.session;
+        let view = View {
+            design: session.design(),
+            revision: session.revision(),
+            open_design: session.open_design(),
+            path: session.path(),
+            is_dirty: session.is_dirty(),
+            undoes: session.undoes(),
+            redoes: session.redoes(),
+            preview: MaskPreview {
+                is_shown: session.is_previewing(),
+                is_following: session.is_following(),
+                has_own_lenslets: session.shows_own_lenslets(),
+            },
+            is_live: session.is_live(),
+            live: &self.live,
+            estimates: &self.estimates,
+            run: self.run.as_ref(),
+            inspected: self.inspected,
+            locks: &self.locks,
+            preferences: &self.preferences,
+            palettes: &self.palettes,
+            shared: SharedByPanels::of(&self.panels, session.open_design(), self.run.as_ref()),
+        };
+        Parts {
+            view,
+            panels: &mut self.panels,
+            dialogs: &mut self.dialogs,
+            messages: &mut self.messages,
+            edit_history: &self.edit_history,
+        }
+    }
+
+    /// Loads the results of the session.
+    pub fn load_results(&mut self) {
+        self.live = self.session.live();
+        self.estimates = self.session.estimates();
+        // Masks of a run are no edits and would fill the history.
+        let current = |revision| revision == self.session.revision() && !self.session.is_previewing();
+        if let Some(information) = self.live.information.as_ref().filter(|known| current(known.revision)) {
+            let objects = self.live.scene.as_ref().map_or_else(String::new, |scene| scene.value.set.fingerprint());
+            self.edit_history.note(information.revision, &information.value, self.session.design(), &objects);
+        }
+        if let Some(live) = &self.estimates.live {
+            self.edit_history.note_live(live.revision, live.value.bits_per_pixel);
+        }
+        self.panels.compare.snapshots.take_up(&self.live, &self.estimates);
+        let count = self.session.design().encoder.lenslets().map_or(0, |array| array.lenslets.len());
+        self.panels.selection.truncate(count);
+        // Locks belong to the open design, even during a preview.
+        self.locks.check(self.session.lenslets());
+    }
+
+    /// Requests the inspection of the shown measurement (spectrum, information map), once.
+    pub fn inspect(&mut self) {
+        let Parts { view, panels, .. } = self.parts();
+        let Some(measurements) = &view.live.measurements else { return };
+        let is_map_wanted = panels.samples.overlay.shown && view.is_current(measurements.revision);
+        let live = view.live_estimate().filter(|_| is_map_wanted);
+        let (steps, model) = live.map(|live| (live.recipe.steps, Arc::clone(&live.model))).unzip();
+        let shown = panels.samples.shown;
+        let key = InspectionKey { revision: measurements.revision, sample: shown.index, noisy: shown.noisy, steps };
+        let measurements = Arc::clone(&measurements.value);
+        if self.inspected != Some(key) {
+            self.inspected = Some(key);
+            self.session.inspect(InspectionRequest { key, measurements, model });
+        }
+    }
+
+    /// Stores unsaved changes in the folder of the preferences, or else the default one. Returns the unsaved designs of earlier
+    /// sessions in either, newest first.
+    pub fn keep_unsaved(&mut self) -> Vec<Recovered> {
+        let usual = self.folder.as_ref().map(|home| home.join("unsaved"));
+        // The default folder serves if that of the preferences is missing.
+        for folder in self.preferences.unsaved.iter().chain(&usual) {
+            match self.session.keep_unsaved_in(folder) {
+                Ok(mut found) => {
+                    // The last session may have used the default folder.
+                    if let Some(usual) = usual.as_ref().filter(|&usual| usual != folder) {
+                        found.extend(Session::left_unsaved_in(usual));
+                        found.sort_by_key(|left| Reverse(left.kept_at));
+                    }
+                    return found;
+                }
+                Err(error) => self.messages.push(Severity::Failure, error.to_string()),
+            }
+        }
+        Vec::new()
+    }
+
+    /// Sets the folder of unsaved changes; `None` for the default one. Designs in it are offered at the next start.
+    pub fn move_unsaved(&mut self, folder: Option<PathBuf>) {
+        self.preferences.unsaved = folder;
+        drop(self.keep_unsaved());
+    }
+
+    /// Copies a text and reports whether that worked; `what` names the text in the message, for example "Numbers".
+    pub fn copy(&mut self, ctx: &egui::Context, text: String, what: &str) {
+        match self.clipboard.put(ctx, text) {
+            Ok(()) => self.messages.push(Severity::Done, format!("{what} copied to the clipboard")),
+            Err(reason) => {
+                let failure = format!("{what} not copied to the system clipboard: {reason}");
+                self.messages.push(Severity::Failure, failure);
+            }
+        }
+    }
+
+    /// Copies a command line, or reports why none exists.
+    pub fn copy_command(&mut self, ctx: &egui::Context, command: Result<String, String>) {
+        match command {
+            Ok(text) => self.copy(ctx, text, "Command line"),
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
+    }
+
+    /// Command line that reproduces the numbers of the shown design. Where it needs a record, that is written.
+    pub fn command_of_numbers(&mut self) -> Result<String, String> {
+        let record = self.parts().view.live_record();
+        match (record, &self.folder) {
+            (Some(record), Some(folder)) => {
+                let path = folder.join("records").join(record.file_name());
+                let command = reproduce_command(&path);
+                self.session.submit(Job::ExportLive { record: Box::new(record), path, for_command: true });
+                Ok(command)
+            }
+            _ => bounds_command(self.session.design()),
+        }
+    }
+
+    /// Reports a refusal as a failure.
+    pub fn report(&mut self, done: Result<(), String>) {
+        if let Err(refusal) = done {
+            self.messages.push(Severity::Failure, refusal);
+        }
+    }
+
+    /// Takes a snapshot of the open design.
+    pub fn keep_snapshot(&mut self) {
+        let open = (self.session.design(), self.session.revision());
+        let compare = &mut self.panels.compare;
+        match compare.snapshots.keep(open, &self.live, &self.estimates) {
+            Ok(()) => {
+                let Some(last) = compare.snapshots.entries.last() else { return };
+                let (number, name) = (last.number, last.name.clone());
+                compare.compare_new(number);
+                self.messages.push(Severity::Done, format!("Snapshot taken: {name}"));
+            }
+            Err(reason) => self.messages.push(Severity::Failure, reason),
+        }
+    }
+}
