@@ -1,4 +1,4 @@
-//! Files of images: their interpretation is shown before use, and can be corrected there.
+//! Files of images: their interpretation is shown before use, and can be corrected there. Files that are dropped on the window.
 
 use super::estimates::wait_for;
 use super::*;
@@ -78,4 +78,88 @@ fn scene_panel_reports_scaling_of_large_images() {
     settle(&mut window);
     assert!(is_shown(&window, "objects are the middle 240 x 240 of 240 x 320 px, scaled to 96 x 96 px"));
     assert!(is_shown(&window, "1 whole image, 96 x 96 px"));
+}
+
+/// A file as passed by the window system.
+#[derive(Debug)]
+struct Dropped(std::path::PathBuf);
+
+impl egui::DroppedFile for Dropped {
+    fn path(&self) -> &Path {
+        &self.0
+    }
+
+    fn bytes(&self) -> Result<Vec<u8>, String> {
+        std::fs::read(&self.0).map_err(|error| error.to_string())
+    }
+}
+
+#[test]
+fn dropped_files_are_opened() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let drop = |window: &mut Window, path: std::path::PathBuf| {
+        window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path)));
+        window.step();
+        window.run_steps(3);
+    };
+    let design = Design { seed: 77, ..Design::default() };
+    design.save(&folder.path().join("seventy-seven.json")).unwrap();
+    drop(&mut window, folder.path().join("seventy-seven.json"));
+    settle(&mut window);
+    assert_eq!(**studio(&window).session().design(), design);
+
+    // An image may be a PSF or an object: the window asks.
+    let image = folder.path().join("spot.npy");
+    let spot = ndarray::Array2::from_shape_fn((16, 16), |(row, col)| ((row * col) % 7) as f32);
+    lenslet_studio::formats::write_array(&image, spot.view()).unwrap();
+    drop(&mut window, image);
+    click(&mut window, "As PSF");
+    settle(&mut window);
+    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
+    assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (16, 16));
+}
+
+#[test]
+fn unused_dropped_files_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    let drop = |window: &mut Window, paths: &[std::path::PathBuf]| {
+        for path in paths {
+            window.input_mut().dropped_files.push(std::sync::Arc::new(Dropped(path.clone())));
+        }
+        window.step();
+        window.run_steps(3);
+    };
+    // All images of a folder are one set of objects.
+    let images: Vec<_> = (0..8).map(|number| folder.path().join(format!("{number}.npy"))).collect();
+    for (number, path) in images.iter().enumerate() {
+        let image = ndarray::Array2::from_elem((32, 32), 1.0 + number as f32);
+        lenslet_studio::formats::write_array(path, image.view()).unwrap();
+    }
+    drop(&mut window, &images);
+    window.get_by_label("Use 8 images");
+    click(&mut window, "As objects");
+    settle(&mut window);
+    assert_eq!(studio(&window).session().design().objects, ObjectSource::Images(folder.path().to_path_buf()));
+    // Some images of a folder are not a set. Unused files are named.
+    drop(&mut window, &images[2..5]);
+    window.get_by_label_contains("Only 2.npy can be used");
+    click(&mut window, "2.npy as PSF");
+    settle(&mut window);
+    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
+    menu(&mut window, &["View", "Messages"]);
+    assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());
+    // A window holds one design.
+    let designs: Vec<_> = (1..9).map(|seed| folder.path().join(format!("{seed}.json"))).collect();
+    for (seed, path) in designs.iter().enumerate() {
+        Design { seed: seed as u64, ..Design::default() }.save(path).unwrap();
+    }
+    let mut window = open(Design::default());
+    menu(&mut window, &["View", "Messages"]);
+    drop(&mut window, &designs);
+    settle(&mut window);
+    assert_eq!(studio(&window).session().path(), Some(designs[0].as_path()));
+    let named = "1.json is used; not used: 2.json, 3.json, 4.json, 5.json, 6.json and 2 more";
+    assert!(window.query_all_by_label(named).next().is_some());
 }

@@ -1,11 +1,11 @@
 //! Work by keyboard alone.
 
 use egui::{Key, Modifiers, Role};
-use egui_kittest::kittest::{NodeT, Queryable};
+use egui_kittest::kittest::Queryable;
 use lenslet_studio::forward::Design;
 
 use super::home::type_and_enter;
-use super::{click, lenslets, menu, open, settle, studio};
+use super::{Window, click, lenslets, menu, open, settle, studio};
 
 #[test]
 fn palette_works_by_keyboard_alone() {

@@ -282,9 +282,12 @@ mod tests {
         for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
             let (preferences, layout) = AppData::read(&place);
             let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
-            let told = error.to_string();
-            assert!(told.starts_with(&place.display().to_string()) && told.contains("cannot be written"), "{told}");
-            assert!(!told.contains("make the folder"), "{told}");
+            let sentence = error.to_string();
+            assert!(
+                sentence.starts_with(&place.display().to_string()) && sentence.contains("cannot be written"),
+                "{sentence}"
+            );
+            assert!(!sentence.contains("make the folder"), "{sentence}");
         }
     }
 }

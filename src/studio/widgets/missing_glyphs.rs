@@ -35,7 +35,7 @@ mod tests {
     #[test]
     fn message_names_characters_without_font() {
         let ctx = Context::default();
-        let mut told = Vec::new();
+        let mut sentences = Vec::new();
         // System fonts are not loaded here.
         let mut output = ctx.run_ui(egui::RawInput::default(), |ui| {
             for text in [
@@ -43,12 +43,12 @@ mod tests {
                 "\u{8bbe}\u{8ba1}\u{8bbe}.json",
                 "\u{3042}\u{3044}\u{3046}\u{3048}\u{304a}\u{304b}\u{304d}",
             ] {
-                told.push(missing_glyphs(ui.ctx(), text));
+                sentences.push(missing_glyphs(ui.ctx(), text));
             }
         });
         output.textures_delta.clear();
-        assert_eq!(told[0], None);
-        assert!(told[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1 in"), "{told:?}");
-        assert!(told[2].as_ref().unwrap().contains("U+3046 U+3048 U+304A U+304B and others"), "{told:?}");
+        assert_eq!(sentences[0], None);
+        assert!(sentences[1].as_ref().unwrap().contains("no font for U+8BBE U+8BA1 in"), "{sentences:?}");
+        assert!(sentences[2].as_ref().unwrap().contains("U+3046 U+3048 U+304A U+304B and others"), "{sentences:?}");
     }
 }
