@@ -116,3 +116,79 @@ impl Estimator {
         self.thread.look(|queue| queue.estimates().clone())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Mutex;
+    use std::sync::mpsc::{Receiver, channel};
+
+    use super::*;
+    use crate::evaluation::request::EstimateRequest;
+    use crate::forward::Design;
+    use crate::progress::CancelToken;
+    use crate::workbench::background::activity::ActivityState;
+    use crate::workbench::background::threads::lock;
+    use crate::workbench::estimates::queue::{EstimateAnswer, EstimateTask};
+
+    /// An estimator whose orders wait until they are cancelled, and the numbers of the orders that began.
+    fn endless(activities: &Activities) -> (Estimator, Receiver<u64>) {
+        let (begin, begun) = channel();
+        let make = move || {
+            let (begin, mut real) = (begin.clone(), EstimateComputation::default());
+            move |task: &EstimateTask, cancel: &CancelToken, mailbox: &Mailbox<EstimateQueue>| match task {
+                EstimateTask::Order(_, entry) => {
+                    begin.send(entry.number()).unwrap();
+                    assert!(mailbox.wait_while(cancel, |_| true).is_break());
+                    EstimateAnswer::Stopped
+                }
+                other => real.run(other, cancel, mailbox),
+            }
+        };
+        let estimator = Estimator::start_with(Arc::new(|| ()), Threads::default(), activities.clone(), make);
+        (estimator.unwrap(), begun)
+    }
+
+    fn order() -> EstimateOrder {
+        let (design, request) = (Arc::new(Design::default()), EstimateRequest::default());
+        EstimateOrder { design, revision: 1, request, measured: None }
+    }
+
+    #[test]
+    fn stopped_order_gives_way_to_the_next_and_drop_leaves_the_waiting_ones_in_their_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let activities = Activities::default();
+        let (estimator, begun) = endless(&activities);
+        estimator.keep_in(folder.path()).unwrap();
+        for _ in 0..3 {
+            estimator.order(order()).unwrap();
+        }
+        assert_eq!(begun.recv().unwrap(), 1);
+        estimator.cancel();
+        assert_eq!(begun.recv().unwrap(), 2);
+        assert_eq!(activities.all()[0].state, ActivityState::Stopped);
+        drop(estimator);
+        let waiting = EstimateFolder::open(folder.path().to_path_buf()).waiting();
+        assert_eq!((waiting.len(), waiting[0].name()), (1, order().name()));
+        assert!(activities.all().iter().all(|activity| activity.state == ActivityState::Stopped));
+        // The next session begins with the order that waited.
+        let (estimator, begun) = endless(&Activities::default());
+        estimator.keep_in(folder.path()).unwrap();
+        assert_eq!(begun.recv().unwrap(), 1);
+    }
+
+    #[test]
+    fn window_is_woken_after_every_task() {
+        let (wake, woken) = channel();
+        let wake = Mutex::new(wake);
+        let wake: Wake = Arc::new(move || lock(&wake).send(()).unwrap_or_default());
+        let make = || {
+            |_: &EstimateTask, _: &CancelToken, _: &Mailbox<EstimateQueue>| EstimateAnswer::Failed("too bright".into())
+        };
+        let activities = Activities::default();
+        let estimator = Estimator::start_with(wake, Threads::default(), activities.clone(), make).unwrap();
+        estimator.order(order()).unwrap();
+        woken.recv().unwrap();
+        assert_eq!(activities.all()[0].state, ActivityState::Failed("too bright".into()));
+        assert!(estimator.estimates().running.is_none());
+    }
+}

@@ -421,3 +421,6 @@ impl Queue for EstimateQueue {
         self.is_closed = true;
     }
 }
+
+#[cfg(test)]
+mod tests;

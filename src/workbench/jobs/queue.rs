@@ -239,3 +239,6 @@ impl JobQueue {
         entry.end(summary);
     }
 }
+
+#[cfg(test)]
+mod tests;

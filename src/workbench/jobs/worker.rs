@@ -96,3 +96,53 @@ impl Drop for Worker {
         self.thread.close();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+    use crate::forward::Design;
+    use crate::progress::CancelToken;
+    use crate::workbench::background::mailbox::Mailbox;
+    use crate::workbench::background::threads::lock;
+    use crate::workbench::jobs::queue::{WorkerAnswer, WorkerTask};
+
+    #[test]
+    fn edits_during_an_evaluation_are_evaluated_once_and_drop_answers_all_jobs() {
+        let (begin, begun) = channel();
+        let (go_on, resumed) = channel::<()>();
+        let resumed = Arc::new(Mutex::new(resumed));
+        let make = move || {
+            let (begin, resumed) = (begin.clone(), Arc::clone(&resumed));
+            move |task: &WorkerTask, _: &CancelToken, _: &Mailbox<JobQueue>| match task {
+                WorkerTask::Evaluate(wanted) => {
+                    begin.send(wanted.revision).unwrap();
+                    lock(&resumed).recv().unwrap();
+                    WorkerAnswer::Evaluated(Ok(0.5))
+                }
+                WorkerTask::Job(job, _) => WorkerAnswer::Job(job.run()),
+                WorkerTask::Inspect(_) => WorkerAnswer::Inspected(None),
+            }
+        };
+        let (wake, threads, activities) = (Arc::new(|| ()), Threads::default(), Activities::default());
+        let estimator = Estimator::start(wake.clone(), threads.clone(), activities.clone()).unwrap();
+        let worker = Worker::start_with(wake, &threads, activities, estimator, make).unwrap();
+        let design = Arc::new(Design::default());
+        let evaluate = |revision| worker.evaluate(Wanted { revision, design: Arc::clone(&design), before: None });
+        evaluate(1);
+        assert_eq!(begun.recv().unwrap(), 1);
+        evaluate(2);
+        evaluate(3);
+        go_on.send(()).unwrap();
+        assert_eq!(begun.recv().unwrap(), 3);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("design.json");
+        worker.submit(Job::SaveDesign { design: Arc::clone(&design), document: 1, contents: 1, path: path.clone() });
+        assert!(worker.has_open_jobs());
+        go_on.send(()).unwrap();
+        drop(worker);
+        assert_eq!(Design::open(&path).unwrap(), *design);
+    }
+}
