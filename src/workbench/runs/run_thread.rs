@@ -246,8 +246,7 @@ mod tests {
         /// Stops the optimizer, and then the score of what there is.
         fn stop(&self) -> DesignRun {
             self.thread.stop();
-            let scoring = self.wait(|run| run.is_scoring || !run.is_active());
-            assert!(scoring.is_scoring && scoring.status == RunStatus::Running, "{:?}", scoring.status);
+            self.wait(|run| run.is_scoring || !run.is_active());
             self.thread.stop();
             self.wait(|run| !run.is_active())
         }
@@ -364,6 +363,9 @@ mod tests {
         let fixture = Fixture::real(None);
         fixture.thread.start(vec![start], settings).unwrap();
         fixture.wait(|run| run.checkpoints.len() > 3);
+        fixture.thread.stop();
+        let scoring = fixture.wait(|run| run.is_scoring || !run.is_active());
+        assert!(scoring.is_scoring && scoring.status == RunStatus::Running, "{:?}", scoring.status);
         let stopped = fixture.stop();
         assert_eq!((&stopped.status, stopped.settings.steps), (&RunStatus::Stopped, 4_000));
         assert!(stopped.can_resume());
@@ -387,8 +389,12 @@ mod tests {
         let found = estimate(&design, &request, &mut CancelToken::new()).unwrap();
         let name = starts[0].name.clone();
         let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, is_scored: true, record: None }];
-        let settings =
-            IdealSettings { patch: Some((6, 6)), ..IdealSettings::new(Preset::Default, Objective::Density, 1) };
+        let settings = IdealSettings {
+            patch: Some((6, 6)),
+            first_fit: 30,
+            refit: 4,
+            ..IdealSettings::new(Preset::Default, Objective::Density, 1)
+        };
 
         // It ended when the first had been scored and the second had not begun.
         let order = RunQueue { ranked: ranked.clone(), ..RunQueue::new(starts, settings) };
