@@ -14,7 +14,7 @@ use lenslet_studio::forward::Design;
 use lenslet_studio::information::{Estimate, PixelCnn};
 use lenslet_studio::progress::CancelToken;
 use lenslet_studio::studies::StudyRecord;
-use lenslet_studio::workbench::{Record, RunStore, Session, Snapshots, run_ideal};
+use lenslet_studio::workbench::{Record, RunStore, Session, Snapshots, StoredRun, run_ideal};
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden").join(name)
@@ -97,7 +97,7 @@ fn runs_are_resumed() {
     for (name, at) in [("window-v0/run", 0), ("starts-v0", 1), ("window-v1/run", 0), ("starts-v1", 1)] {
         let folder = copied(name);
         let run = RunStore::in_folder(folder.path()).unwrap();
-        let (order, states) = run.last().unwrap();
+        let StoredRun { queue: order, states } = run.last().unwrap();
         assert_eq!(order.at, at);
         let state = match states[at].clone() {
             Some(state) => state,
@@ -124,8 +124,8 @@ fn unsaved_designs_and_snapshots_open() {
         let unsaved = Session::left_unsaved_in(&folder.path().join("unsaved"));
         assert_eq!(unsaved.len(), 1, "{name}");
         assert_eq!(unsaved[0].design.encoder.lenslets().unwrap().lenslets.len(), 1);
-        let (snapshots, left_out) = Snapshots::read(&folder.path().join("kept")).unwrap();
-        assert_eq!((snapshots.entries.len(), left_out), (2, (0, 0)), "{name}");
-        assert!(snapshots.entries.iter().all(|snapshot| snapshot.numbers.ceiling.is_some()));
+        let found = Snapshots::read(&folder.path().join("kept")).unwrap();
+        assert_eq!((found.snapshots.entries.len(), found.unreadable, found.unlisted), (2, 0, 0), "{name}");
+        assert!(found.snapshots.entries.iter().all(|snapshot| snapshot.numbers.ceiling.is_some()));
     }
 }

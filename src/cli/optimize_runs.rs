@@ -191,7 +191,7 @@ fn ranked_start(
     } else {
         let estimate = score_in_patches(&design, budget, &mut watch).map_err(|error| about_objects(&design, error))?;
         let design = Arc::clone(&design);
-        RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None }
+        RankedStart { name, design, estimate, sensor: None, is_scored: false, sensor_failure: None, record: None }
     };
     let scored = score_whole(&design, &result.estimate, budget, &mut watch);
     progress_line.finish();
@@ -218,7 +218,7 @@ pub(super) fn rank(
 ) -> anyhow::Result<Ranking> {
     let budget_seconds = budget.map(|budget| budget.as_secs_f64());
     // Scores of an interrupted command are reused.
-    let last = order.last().map(|(order, _)| order);
+    let last = order.last().map(|run| run.queue);
     if last.as_ref().is_some_and(|last| !is_same(last, starts, settings)) {
         bail!(
             "{}: expected the starts and settings of the runs that are there, found others; choose another --out",

@@ -340,22 +340,22 @@ mod tests {
 
     #[test]
     fn what_cannot_be_computed_is_told_before_anything_is() {
-        let told = |change: &dyn Fn(&mut StudySettings)| {
+        let refusal = |change: &dyn Fn(&mut StudySettings)| {
             let mut settings = StudySettings::grid();
             change(&mut settings);
             settings.check().unwrap_err().to_string()
         };
-        for (told, part) in [
-            (told(&|grid| grid.designs.push(StudyDesign::heuristic(4))), "heuristic:4 twice"),
-            (told(&|grid| grid.objects.clear()), "objects: expected each once, found none"),
-            (told(&|grid| grid.patches = vec![None, None]), "sensor twice"),
-            (told(&|grid| grid.budget_seconds = None), "a time for causal"),
-            (told(&|grid| grid.budget_seconds = Some(f64::NAN)), "above 0 s"),
-            (told(&|grid| grid.estimator = Estimator::GaussianStationary), "found 60 s"),
-            (told(&|grid| grid.noise = Noise::None), "without noise"),
-            (told(&|grid| grid.mean_photons = 0.0), "mean_photons"),
+        for (message, part) in [
+            (refusal(&|grid| grid.designs.push(StudyDesign::heuristic(4))), "heuristic:4 twice"),
+            (refusal(&|grid| grid.objects.clear()), "objects: expected each once, found none"),
+            (refusal(&|grid| grid.patches = vec![None, None]), "sensor twice"),
+            (refusal(&|grid| grid.budget_seconds = None), "a time for causal"),
+            (refusal(&|grid| grid.budget_seconds = Some(f64::NAN)), "above 0 s"),
+            (refusal(&|grid| grid.estimator = Estimator::GaussianStationary), "found 60 s"),
+            (refusal(&|grid| grid.noise = Noise::None), "without noise"),
+            (refusal(&|grid| grid.mean_photons = 0.0), "mean_photons"),
         ] {
-            assert!(told.contains(part), "{part} in {told}");
+            assert!(message.contains(part), "{part} in {message}");
         }
     }
 }

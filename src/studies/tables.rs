@@ -252,9 +252,9 @@ fn upper_from(cell: &StudyCell) -> String {
 
 /// The density model's bound, and whether it is above the object-entropy bound.
 fn density(cell: &StudyCell) -> String {
-    let told = bits(cell.model_bits());
+    let bound = bits(cell.model_bits());
     let above = cell.model_bits().zip(cell.ceiling()).is_some_and(|(bits, ceiling)| bits > ceiling);
-    if above { format!("{told}, above the entropy bound") } else { told }
+    if above { format!("{bound}, above the entropy bound") } else { bound }
 }
 
 fn lower(cell: &StudyCell) -> String {

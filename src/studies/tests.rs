@@ -148,9 +148,9 @@ fn a_cell_that_fails_is_recorded_and_tried_again() {
     let mut study = Study::open(four_cells(), folder.path()).unwrap();
     study.run_with(&fails, &mut CancelToken::new()).unwrap();
     assert_eq!((study.missing(), study.record().summary.failed), (4, 4));
-    let told = study.markdown();
-    assert!(told.contains("failed: beads:0.02, heuristic:4, 32 x 32 px: "), "{told}");
-    assert!(told.contains("not a finite number"), "{told}");
+    let table = study.markdown();
+    assert!(table.contains("failed: beads:0.02, heuristic:4, 32 x 32 px: "), "{table}");
+    assert!(table.contains("not a finite number"), "{table}");
     drop(study);
     assert_eq!(run(four_cells(), folder.path(), 0.25).unwrap(), 4);
     assert_eq!(saved(folder.path()).summary.failed, 0);
@@ -177,7 +177,7 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
     let folder = tempfile::tempdir().unwrap();
     run(four_cells(), folder.path(), 0.25).unwrap();
     let before = std::fs::read(folder.path().join("study.json")).unwrap();
-    let told = |change: &dyn Fn(&mut StudySettings)| {
+    let refusal = |change: &dyn Fn(&mut StudySettings)| {
         let mut settings = four_cells();
         change(&mut settings);
         run(settings, folder.path(), 0.5).unwrap_err().to_string()
@@ -186,17 +186,20 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
     if let crate::optics::Encoder::Lenslets(array) = &mut moved.encoder {
         array.lenslets[0].x += 1.0;
     }
-    for (told, part) in [
-        (told(&|study| study.seed = 2), "seed 2, found one with 1"),
-        (told(&|study| study.budget_seconds = Some(30.0)), "budget 30 s, found one with 60 s"),
-        (told(&|study| study.noise = Noise::Read { sigma: 5.0 }), "noise read:5, found one with shot"),
-        (told(&|study| study.designs.truncate(1)), "designs heuristic:1, found one with heuristic:1, heuristic:4"),
-        (told(&|study| study.designs[1] = moved.clone()), "the masks"),
-        (told(&|study| study.patches = vec![None]), "patches sensor"),
-        (told(&|study| study.estimator = Estimator::PixelCnn), "estimator pixelcnn, found one with causal"),
-        (told(&|study| study.bias_photons = 5.0), "background photons per pixel 5"),
+    for (message, part) in [
+        (refusal(&|study| study.seed = 2), "seed 2, found one with 1"),
+        (refusal(&|study| study.budget_seconds = Some(30.0)), "budget 30 s, found one with 60 s"),
+        (refusal(&|study| study.noise = Noise::Read { sigma: 5.0 }), "noise read:5, found one with shot"),
+        (refusal(&|study| study.designs.truncate(1)), "designs heuristic:1, found one with heuristic:1, heuristic:4"),
+        (refusal(&|study| study.designs[1] = moved.clone()), "the masks"),
+        (refusal(&|study| study.patches = vec![None]), "patches sensor"),
+        (refusal(&|study| study.estimator = Estimator::PixelCnn), "estimator pixelcnn, found one with causal"),
+        (refusal(&|study| study.bias_photons = 5.0), "background photons per pixel 5"),
     ] {
-        assert!(told.contains(part) && told.contains("study.json") && told.contains("another folder"), "{told}");
+        assert!(
+            message.contains(part) && message.contains("study.json") && message.contains("another folder"),
+            "{message}"
+        );
     }
     // Changed objects, and another version of the program.
     for (entry, value, part) in [
@@ -209,8 +212,8 @@ fn another_study_in_the_folder_is_refused_by_the_setting_that_differs() {
             _ => record.program_version = value.into(),
         }
         record.save(&folder.path().join("study.json")).unwrap();
-        let told = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
-        assert!(told.contains(part), "{told}");
+        let message = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
+        assert!(message.contains(part), "{message}");
         std::fs::write(folder.path().join("study.json"), &before).unwrap();
     }
     assert_eq!(run(four_cells(), folder.path(), 0.5).unwrap(), 0);
@@ -230,8 +233,8 @@ fn files_that_are_no_study_are_refused_and_kept() {
         (whole.replacen("\"kind\": \"grid\"", "\"kind\": \"grill\"", 1), "grill"),
     ] {
         std::fs::write(&path, &text).unwrap();
-        let told = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
-        assert!(told.contains(part) && told.contains("study.json"), "{part} in {told}");
+        let message = run(four_cells(), folder.path(), 0.5).unwrap_err().to_string();
+        assert!(message.contains(part) && message.contains("study.json"), "{part} in {message}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), text, "what is not understood is not overwritten");
     }
 }
@@ -296,13 +299,13 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     settings.objects.truncate(1);
     settings.designs.push(StudyDesign { name: "wide".into(), encoder: Encoder::Lenslets(wide) });
     // The differences between scenes are the same for all masks.
-    let told = |design: &Design| {
+    let information = |design: &Design| {
         let more = if design.encoder.describe() == "1 lenslet" { 0.0 } else { -0.1 };
         (0..50).map(|patch| 0.3 + more + 0.01 * f64::from(patch) + 1e-4 * more * f64::from(patch % 2)).collect()
     };
     let compute = |design: &Design, _: &EstimateRequest, _: &mut (dyn Progress<EstimateProgress> + Send)| {
         let (estimate, _) = of(design, estimated(0.25, None));
-        Ok((estimate, TestPatches { told: told(design), ..TestPatches::default() }))
+        Ok((estimate, TestPatches { told: information(design), ..TestPatches::default() }))
     };
     let mut study = Study::open(settings.clone(), folder.path()).unwrap();
     let stopped = study.run_with(&compute, &mut |event: &StudyEvent<'_>| match event {

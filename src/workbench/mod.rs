@@ -32,8 +32,8 @@ pub use live::position_gradients::PositionGradient;
 pub use live::published::{Live, Revisioned};
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
 pub use runs::{
-    DesignRun, IdealRecord, RankedStart, RunBounds, RunQueue, RunStatus, RunStore, Start, comparison_summary, curve_of,
-    patches_of, result_lines, run_ideal, score_in_patches, score_settings, score_whole,
+    DesignRun, IdealRecord, RankedStart, RunBounds, RunQueue, RunStatus, RunStore, Start, StoredRun,
+    comparison_summary, curve_of, patches_of, result_lines, run_ideal, score_in_patches, score_settings, score_whole,
 };
 pub use session::Session;
-pub use session::snapshots::{Bits, FileChange, Snapshot, SnapshotNumbers, Snapshots};
+pub use session::snapshots::{Bits, FileChange, FoundSnapshots, Snapshot, SnapshotNumbers, Snapshots};

@@ -364,10 +364,10 @@ impl Session {
     /// Saves the design to its autosave file, a few seconds late. To be called for every frame of the window. Returns the failure of the
     /// last attempt, once.
     pub fn note_unsaved(&mut self) -> Option<String> {
-        let unsaved = (self.contents, self.is_dirty());
+        let (contents, is_unsaved) = (self.contents, self.is_dirty());
         let design = self.open.as_ref().unwrap_or(&self.design);
         let autosave = self.autosave.as_mut()?;
-        let failure = autosave.note(design, unsaved, self.path.as_deref());
+        let failure = autosave.note(design, contents, is_unsaved, self.path.as_deref());
         if autosave.is_done()
             && let Some(mut earlier) = self.earlier_autosave.take()
         {

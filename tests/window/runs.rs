@@ -301,7 +301,15 @@ fn two_results_in(folder: &Path) -> Vec<RankedStart> {
         let design = std::sync::Arc::new(record.design());
         let estimate = estimate(&design, &request, &mut never.clone()).unwrap();
         let (name, record) = (start.name.clone(), Some(std::sync::Arc::new(record)));
-        RankedStart { name, design, sensor: Some(estimate.clone()), estimate, is_scored: true, record }
+        RankedStart {
+            name,
+            design,
+            sensor: Some(estimate.clone()),
+            estimate,
+            is_scored: true,
+            sensor_failure: None,
+            record,
+        }
     };
     let ranked: Vec<RankedStart> = starts.iter().enumerate().map(found).collect();
     let (starts, settings, found) = (starts, settings.clone(), ranked.clone());

@@ -241,7 +241,7 @@ impl State {
     pub fn keep_snapshot(&mut self) {
         let open = (self.session.design(), self.session.revision());
         let compare = &mut self.panels.compare;
-        match compare.snapshots.keep(open, &self.live, &self.estimates) {
+        match compare.snapshots.keep(open.0, open.1, &self.live, &self.estimates) {
             Ok(()) => {
                 let Some(last) = compare.snapshots.entries.last() else { return };
                 let (number, name) = (last.number, last.name.clone());

@@ -32,7 +32,7 @@ use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_rejections;
-use crate::workbench::{Activity, ActivityState, Outcome, Recovered, RunStatus, Session, Snapshots};
+use crate::workbench::{Activity, ActivityState, FoundSnapshots, Outcome, Recovered, RunStatus, Session, Snapshots};
 
 /// The window's contents.
 pub struct Studio {
@@ -145,10 +145,11 @@ impl Studio {
 
     fn read_kept_designs(&mut self, folder: &Path) {
         match Snapshots::read(&folder.join(SNAPSHOTS)) {
-            Ok((snapshots, (broken, unlisted))) => {
+            Ok(FoundSnapshots { snapshots, unreadable, unlisted }) => {
                 self.state.panels.compare.snapshots = snapshots;
-                if broken > 0 {
-                    let (designs, they) = (counted(broken, "snapshot"), one_or_many(broken, "it is", "they are"));
+                if unreadable > 0 {
+                    let (designs, they) =
+                        (counted(unreadable, "snapshot"), one_or_many(unreadable, "it is", "they are"));
                     self.notify(format!("{designs} could not be read; {they} left unchanged"));
                 }
                 if unlisted > 0 {

@@ -105,7 +105,7 @@ mod tests {
         let mut compare = CompareState::default();
         for _ in 0..count {
             let design = Arc::new(Design::default());
-            compare.snapshots.keep((&design, 1), &Live::default(), &Estimates::default()).unwrap();
+            compare.snapshots.keep(&design, 1, &Live::default(), &Estimates::default()).unwrap();
             compare.compare_new(compare.snapshots.entries.last().unwrap().number);
         }
         compare

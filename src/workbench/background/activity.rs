@@ -278,7 +278,7 @@ mod tests {
         assert!(!ended[0].is_open() && ended[0].left.is_none() && ended[0].time() == list.all()[0].time());
         let log: Vec<&str> = ended[0].log.iter().map(|(_, text)| text.as_str()).collect();
         assert_eq!(log, ["Reading objects", "Fitting, 1 s left", "too bright"]);
-        assert!(list.take_ended().is_empty(), "told once");
+        assert!(list.take_ended().is_empty(), "reported once");
     }
 
     #[test]

@@ -81,14 +81,15 @@ impl Autosave {
     pub fn note(
         &mut self,
         design: &Arc<Design>,
-        (contents, unsaved): (u64, bool),
+        contents: u64,
+        is_unsaved: bool,
         path: Option<&Path>,
     ) -> Option<String> {
-        if self.noted != Some((contents, unsaved)) {
-            self.noted = Some((contents, unsaved));
+        if self.noted != Some((contents, is_unsaved)) {
+            self.noted = Some((contents, is_unsaved));
             let superseded = Arc::clone(&self.superseded);
             let then: AfterWrite = Box::new(move || lock(&superseded).drain(..).for_each(Recovered::discard));
-            if unsaved {
+            if is_unsaved {
                 let (design, path) = (Arc::clone(design), path.map(Path::to_owned));
                 self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), Some(then));
             } else {
@@ -205,7 +206,7 @@ mod tests {
         let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
         assert!(found.is_empty());
         let path = Path::new("mine.json");
-        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
+        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
         until(|| !kept(folder.path()).is_empty());
         // Another program sees that the owner still runs.
         let (other, found) = Autosave::in_folder(folder.path()).unwrap();
@@ -231,10 +232,10 @@ mod tests {
         // The file stays until the design is saved again.
         next.supersede(recovered);
         assert!(file.exists());
-        next.note(&design, (3, true), None);
+        next.note(&design, 3, true, None);
         until(|| !file.exists());
         assert_eq!(kept(folder.path()).len(), 1);
-        next.note(&design, (3, false), None);
+        next.note(&design, 3, false, None);
         until(|| kept(folder.path()).is_empty());
     }
 
@@ -244,7 +245,7 @@ mod tests {
         let design = Arc::new(Design { seed: 7, ..Design::default() });
         let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
         // A renderer that is lost takes the window with it, in good order and at once.
-        assert_eq!(autosave.note(&design, (2, true), None), None);
+        assert_eq!(autosave.note(&design, 2, true, None), None);
         drop(autosave);
         let (_next, found) = Autosave::in_folder(folder.path()).unwrap();
         assert_eq!(found.into_iter().map(|kept| kept.design).collect::<Vec<_>>(), [Design::clone(&design)]);
@@ -266,17 +267,17 @@ mod tests {
         let name = autosave.lock_file.with_extension(ENDING);
         std::fs::create_dir(&name).unwrap();
         let design = Arc::new(Design::default());
-        let mut told = autosave.note(&design, (2, true), None);
+        let mut failure = autosave.note(&design, 2, true, None);
         until(|| {
-            told = told.take().or_else(|| autosave.writer.take_failure());
-            told.is_some()
+            failure = failure.take().or_else(|| autosave.writer.take_failure());
+            failure.is_some()
         });
-        told = told.or_else(|| autosave.note(&design, (2, true), None));
-        assert!(told.unwrap().contains("a folder or device"));
+        failure = failure.or_else(|| autosave.note(&design, 2, true, None));
+        assert!(failure.unwrap().contains("a folder or device"));
         // The write is tried again, whether or not anything changes.
         std::fs::remove_dir(&name).unwrap();
         until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok());
-        assert_eq!(autosave.note(&design, (2, true), None), None);
+        assert_eq!(autosave.note(&design, 2, true, None), None);
     }
 
     #[test]
@@ -287,10 +288,10 @@ mod tests {
         let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
         let design = Arc::new(Design { seed: 7, ..Design::default() });
         let path = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
-        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
+        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
         let name = autosave.lock_file.with_extension(ENDING);
         until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok_and(|kept| kept.design == *design && kept.path.is_none()));
-        assert_eq!(autosave.note(&design, (2, true), Some(path)), None);
+        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
     }
 
     #[test]
@@ -299,7 +300,7 @@ mod tests {
         let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
         for seed in 1..6 {
             let design = Arc::new(Design { seed, ..Design::default() });
-            assert_eq!(autosave.note(&design, (seed, true), None), None);
+            assert_eq!(autosave.note(&design, seed, true, None), None);
             std::thread::sleep(Duration::from_millis(20));
         }
         let name = autosave.lock_file.with_extension(ENDING);

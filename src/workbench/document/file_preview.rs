@@ -53,7 +53,7 @@ pub fn with_option(text: &str, of: FileUse, option: &str) -> String {
 }
 
 fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
-    let told = |error: FormatError| error.to_string();
+    let message = |error: FormatError| error.to_string();
     let mut read: fn(&ImageFile) -> Result<PixelStack, FormatError> = ImageFile::read;
     let path = match of {
         FileUse::Psf => psf_file(path).map_err(|error| error.to_string())?.0,
@@ -68,8 +68,8 @@ fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
         FileUse::Measurements => path.to_path_buf(),
     };
     let files = match of {
-        FileUse::Psf => vec![ImageFile::find(&path).map_err(told)?],
-        FileUse::Objects | FileUse::Measurements => image_files(&path).map_err(told)?,
+        FileUse::Psf => vec![ImageFile::find(&path).map_err(message)?],
+        FileUse::Objects | FileUse::Measurements => image_files(&path).map_err(message)?,
     };
     let Some(first) = files.first() else {
         return Err(format!("{}: expected images, found none; choose another folder", path.display()));
@@ -78,7 +78,7 @@ fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
     if bytes > LARGEST_BYTES {
         return Ok((format!("{:.1} GB, read when it is used", bytes as f64 / 1e9), Vec::new()));
     }
-    let summary = ImageSummary::of(&read(first).map_err(told)?);
+    let summary = ImageSummary::of(&read(first).map_err(message)?);
     let of_several =
         if files.len() > 1 { format!("{}, the first: ", counted(files.len(), "file")) } else { String::new() };
     Ok((format!("{of_several}{summary}"), summary.choices().to_vec()))

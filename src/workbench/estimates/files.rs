@@ -108,6 +108,13 @@ struct Waiting {
     entries: Vec<EstimateOrder>,
 }
 
+/// An order that was running when the last program ended.
+pub(crate) struct InterruptedOrder {
+    pub order: EstimateOrder,
+    /// Why it is given up, if it is.
+    pub given_up: Option<String>,
+}
+
 /// The running order, as its file holds it.
 #[derive(Serialize, Deserialize)]
 struct Pending {
@@ -254,9 +261,8 @@ impl EstimateFolder {
         }
     }
 
-    /// The order that was running when the last program ended, and the reason why it is given up, if it is. Checkpoints of another
-    /// version are of no use.
-    pub fn interrupted(&self) -> Option<(EstimateOrder, Option<String>)> {
+    /// The order that was running when the last program ended. Checkpoints of another version are of no use.
+    pub fn interrupted(&self) -> Option<InterruptedOrder> {
         self.lock.as_ref()?;
         let Pending { program_version, crashes, order } = self.read_pending()?;
         let crashes = crashes + 1;
@@ -272,7 +278,7 @@ impl EstimateFolder {
         } else {
             self.write_pending(&Pending { program_version, crashes, order: order.clone() });
         }
-        Some((order, given_up))
+        Some(InterruptedOrder { order, given_up })
     }
 }
 

@@ -12,7 +12,7 @@ use crate::evaluation::scene::Scene;
 use crate::progress::CancelToken;
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::mailbox::Queue;
-use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
+use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate, InterruptedOrder};
 use crate::workbench::live::estimate::LiveEstimate;
 use crate::workbench::live::published::{Revisioned, Wanted};
 
@@ -69,8 +69,7 @@ pub(crate) struct LiveRequest {
 pub(crate) struct FolderContents {
     pub folder: EstimateFolder,
     pub finished: Vec<FinishedEstimate>,
-    /// The interrupted order, and the reason why it is given up, if it is.
-    pub interrupted: Option<(EstimateOrder, Option<String>)>,
+    pub interrupted: Option<InterruptedOrder>,
     pub waiting: Vec<EstimateOrder>,
 }
 
@@ -319,7 +318,7 @@ impl EstimateQueue {
         let finished = finished.into_iter().map(|finished| Revisioned { revision: 0, value: Arc::new(finished) });
         self.estimates.finished.splice(0..0, finished);
         let mut orders = VecDeque::new();
-        if let Some((order, given_up)) = interrupted {
+        if let Some(InterruptedOrder { order, given_up }) = interrupted {
             let name = format!("{}, which was interrupted", order.name());
             let entry = self.activities.add(ActivityKind::Estimate, name);
             match given_up {

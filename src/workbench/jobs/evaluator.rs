@@ -14,7 +14,7 @@ use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::queue::{EstimateQueue, LiveRequest};
-use crate::workbench::jobs::job::{Job, Outcome, measured_snapshot};
+use crate::workbench::jobs::job::{Job, Outcome, first_measurement};
 use crate::workbench::jobs::queue::{JobQueue, WorkerAnswer, WorkerTask};
 use crate::workbench::live::published::{Live, Revisioned, Wanted};
 
@@ -23,12 +23,19 @@ fn report(entry: &Entry, progress: &ReadProgress) {
     entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
 }
 
+/// PSF of a design for objects of so many planes.
+struct KnownOptics {
+    design: Arc<Design>,
+    planes: usize,
+    optics: Arc<Optics>,
+}
+
 /// Results that are kept between evaluations.
 pub(crate) struct Evaluator {
     /// The queue that receives designs for their live estimate.
     estimates: Arc<Mailbox<EstimateQueue>>,
     activities: Activities,
-    optics: Option<(Arc<Design>, usize, Arc<Optics>)>,
+    optics: Option<KnownOptics>,
     scene: Option<Arc<Scene>>,
     /// Objects that were opened for the design, which does not image them yet: an edit may come before.
     opened: Option<Arc<Scene>>,
@@ -135,10 +142,12 @@ impl Evaluator {
         context: Context<'_>,
     ) -> Result<Arc<Optics>, EvaluationError> {
         let optics = match &self.optics {
-            Some((of, known, optics)) if of.encoder == design.encoder && *known == planes => Arc::clone(optics),
+            Some(known) if known.design.encoder == design.encoder && known.planes == planes => {
+                Arc::clone(&known.optics)
+            }
             _ => {
                 let optics = Arc::new(Optics::of(design, planes)?);
-                self.optics = Some((Arc::clone(design), planes, Arc::clone(&optics)));
+                self.optics = Some(KnownOptics { design: Arc::clone(design), planes, optics: Arc::clone(&optics) });
                 optics
             }
         };
@@ -195,8 +204,8 @@ impl Evaluator {
                 else {
                     return WorkerAnswer::GaveWay;
                 };
-                let scene = scene.as_deref().map_err(Clone::clone);
-                WorkerAnswer::Job(Ok(measured_snapshot((*number, name), design, scene)))
+                let measurement = first_measurement(design, scene.as_deref().map_err(Clone::clone));
+                WorkerAnswer::Job(Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement }))
             }
             other => WorkerAnswer::Job(other.run()),
         }

@@ -278,7 +278,8 @@ impl Job {
             }
             Self::MeasureSnapshot { number, name, design } => {
                 let scene = Scene::open(design, &mut CancelToken::new()).map_err(|error| error.to_string());
-                Ok(measured_snapshot((*number, name), design, scene.as_ref().map_err(Clone::clone)))
+                let measurement = first_measurement(design, scene.as_ref().map_err(Clone::clone));
+                Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement })
             }
             Self::ImportPsf { path, side, document } => {
                 let (image, understood) = import_psf(path, *side).map_err(|error| error.to_string())?;
@@ -326,17 +327,15 @@ impl Job {
     }
 }
 
-/// The first live measurement of a snapshot, with noise, as the window shows it.
-pub(crate) fn measured_snapshot(
-    (number, name): (u64, &str),
-    design: &Design,
-    scene: Result<&Scene, String>,
-) -> Outcome {
+/// The first live measurement of a design, with noise, as the window shows it.
+///
+/// # Errors
+/// One sentence where there are no objects, or they cannot be measured.
+pub(crate) fn first_measurement(design: &Design, scene: Result<&Scene, String>) -> Result<Array2<f32>, String> {
     let measure = |scene: &Scene| {
         let optics = Optics::of(design, scene.set.planes())?;
         let measured = SceneTables::new(scene, design.encoder.grid())?.measure(design, &optics, scene)?;
         Ok::<_, EvaluationError>(measured.noisy.index_axis_move(Axis(0), 0))
     };
-    let measurement = scene.and_then(|scene| measure(scene).map_err(|error| error.to_string()));
-    Outcome::SnapshotMeasured { number, name: name.to_owned(), measurement }
+    scene.and_then(|scene| measure(scene).map_err(|error| error.to_string()))
 }

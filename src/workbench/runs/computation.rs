@@ -222,7 +222,8 @@ impl RunContext<'_> {
         } else {
             let (name, estimate) = (start.name.clone(), self.score_in_patches(&design)?);
             let (design, record) = (Arc::clone(&design), Some(Arc::clone(record)));
-            let result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record };
+            let result =
+                RankedStart { name, design, estimate, sensor: None, is_scored: false, sensor_failure: None, record };
             self.change(|run| {
                 run.ranked.push(result.clone());
                 rank(run);
@@ -231,8 +232,9 @@ impl RunContext<'_> {
             result
         };
         if !known.is_scored {
-            let unscored = format!("{} has no number for the whole sensor", start.name);
-            self.change(|run| run.failures.retain(|sentence| !sentence.starts_with(&unscored)));
+            self.change(|run| {
+                run.ranked.iter_mut().filter(|result| is_this(result)).for_each(|result| result.sensor_failure = None);
+            });
             let scored = match known.sensor {
                 Some(sensor) => Ok(Some(sensor)),
                 None => self.score_whole(&design, &known.estimate),
@@ -241,9 +243,9 @@ impl RunContext<'_> {
                 return scored.map(|_| ());
             }
             self.change(|run| {
-                let result = run.ranked.iter_mut().find(|result| is_this(result));
-                if let Some(Err(error)) = result.map(|result| result.set_sensor(scored)) {
-                    run.failures.push(format!("{unscored}: {error}"));
+                if let Some(result) = run.ranked.iter_mut().find(|result| is_this(result)) {
+                    // The result keeps the error.
+                    let _ = result.set_sensor(scored);
                 }
                 rank(run);
             });

@@ -61,7 +61,7 @@ pub struct DesignRun {
     pub start_number: (usize, usize),
     /// Whether a result is being scored or compared.
     pub is_scoring: bool,
-    /// Failures of other starts and of scores, one sentence each.
+    /// Failures of other starts, one sentence each.
     pub failures: Vec<String>,
     /// Results of the starts so far, the best first.
     pub ranked: Vec<RankedStart>,
@@ -99,6 +99,9 @@ pub struct RankedStart {
     /// Whether the score is complete.
     #[serde(default)]
     pub is_scored: bool,
+    /// Why the last attempt at the score for whole measurements failed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor_failure: Option<String>,
     /// Record of the run.
     #[serde(default)]
     pub record: Option<Arc<IdealRecord>>,
@@ -146,6 +149,7 @@ impl RankedStart {
     /// # Errors
     /// The error of the score.
     pub fn set_sensor(&mut self, scored: Result<Option<Estimate>, EvaluationError>) -> Result<(), EvaluationError> {
+        self.sensor_failure = scored.as_ref().err().map(ToString::to_string);
         self.sensor = scored?;
         self.is_scored = true;
         Ok(())
@@ -217,6 +221,15 @@ impl DesignRun {
             self.checkpoints = Arc::new(state.checkpoints.clone());
         }
         self.events.clone_from(&state.events);
+    }
+
+    /// Failures of other starts and of scores, one sentence each.
+    pub fn all_failures(&self) -> impl Iterator<Item = String> {
+        let of_score = |result: &RankedStart| {
+            let error = result.sensor_failure.as_ref()?;
+            Some(format!("{} has no number for the whole sensor: {error}", result.name))
+        };
+        self.failures.iter().cloned().chain(self.ranked.iter().filter_map(of_score))
     }
 
     /// Whether the run computes or is paused.
@@ -337,12 +350,24 @@ mod tests {
         let estimate = estimate(&start.design, &request, &mut CancelToken::new()).unwrap();
         let Start { name, design } = start;
         let scored = Some(estimate.clone());
-        let mut result = RankedStart { name, design, estimate, sensor: None, is_scored: false, record: None };
+        let mut result =
+            RankedStart { name, design, estimate, sensor: None, is_scored: false, sensor_failure: None, record: None };
         let failure = EvaluationError::Information(InformationError::Empty);
         assert!(result.set_sensor(Err(failure)).is_err());
         assert!(!result.is_scored && result.sensor.is_none());
+        let failures = |result: &RankedStart| {
+            let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
+            let run = DesignRun::new(&result.design, settings, 1);
+            DesignRun { failures: vec!["other".into()], ranked: vec![result.clone()], ..run }.all_failures().collect()
+        };
+        let sentences: Vec<String> = failures(&result);
+        assert!(
+            sentences.len() == 2 && sentences[1].starts_with("3 random, seed 1 has no number for"),
+            "{sentences:?}"
+        );
         result.set_sensor(Ok(scored.clone())).unwrap();
         assert!(result.is_scored && result.sensor == scored);
+        assert_eq!(failures(&result), ["other"]);
     }
 
     #[test]
@@ -360,10 +385,10 @@ mod tests {
         assert_eq!(run.bounds_of(&start, Some((32, 32))), None, "nothing is known yet");
         run.checkpoints = Arc::new(vec![checkpoint(0, &first), checkpoint(20, &second)]);
         run.array = Arc::new(newest.clone());
-        let told = |step: usize| {
+        let bound = |step: usize| {
             Some(NamedBound { from: BoundMethod::Run { step }, bits_per_pixel: 0.3, interval_95: [0.2, 0.4] })
         };
-        let below = |is_of_mask, step| Some(RunBounds { is_of_mask, lower: told(step), upper: None });
+        let below = |is_of_mask, step| Some(RunBounds { is_of_mask, lower: bound(step), upper: None });
         assert_eq!(run.bounds_of(&start, Some((32, 32))), below(true, 0));
         assert_eq!(run.bounds_of(&with(&second), Some((32, 32))), below(true, 20));
         assert_eq!(run.bounds_of(&with(&newest), Some((32, 32))), below(false, 20));
@@ -373,7 +398,7 @@ mod tests {
         newest.lenslets[1].x += 1.0;
         assert_eq!(run.bounds_of(&with(&newest), Some((32, 32))), None, "another mask");
         run.settings = settings(Objective::Density);
-        let above = Some(RunBounds { is_of_mask: true, lower: None, upper: told(20) });
+        let above = Some(RunBounds { is_of_mask: true, lower: None, upper: bound(20) });
         assert_eq!(run.bounds_of(&with(&second), Some((32, 32))), above);
     }
 }

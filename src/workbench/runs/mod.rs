@@ -15,4 +15,4 @@ pub use record::{IdealRecord, curve_of, patches_of};
 pub use run::run_ideal;
 pub(super) use run_thread::RunThread;
 pub use score::{comparison_summary, result_lines, score_in_patches, score_settings, score_whole};
-pub use store::{RunQueue, RunStore};
+pub use store::{RunQueue, RunStore, StoredRun};

@@ -13,7 +13,7 @@ use crate::workbench::runs::computation::compute;
 use crate::workbench::runs::design_run::{DesignRun, RankedStart, RunStatus, Start};
 use crate::workbench::runs::run::start_of;
 use crate::workbench::runs::slot::{RunSlot, RunWork};
-use crate::workbench::runs::store::{RunQueue, RunStore};
+use crate::workbench::runs::store::{RunQueue, RunStore, StoredRun};
 
 /// Message where nothing can be compared.
 const NO_RESULT: &str = "there is no result to compare yet";
@@ -52,8 +52,8 @@ impl RunThread {
     /// Where another program has locked the folder.
     pub fn keep_in(&self, folder: RunStore) -> Result<(), EvaluationError> {
         *lock(&self.lock) = folder.lock()?;
-        if let Some((order, states)) = folder.last() {
-            let RunQueue { starts, settings, at, ranked, failures, saved, .. } = order;
+        if let Some(StoredRun { queue, states }) = folder.last() {
+            let RunQueue { starts, settings, at, ranked, failures, saved, .. } = queue;
             let mut run = DesignRun::new(&starts[at].design, settings, starts.len());
             (run.start_number, run.doing) = ((at + 1, starts.len()), None);
             (run.ranked, run.failures, run.status) = (ranked, failures, RunStatus::Stopped);
@@ -317,7 +317,7 @@ mod tests {
         fixture.wait(begun(1));
         let mask = random_layout(3, 9);
         fixture.thread.note_saved(&mask);
-        let is_written = || kept.last().is_some_and(|(queue, _)| queue.saved.as_ref() == Some(&mask));
+        let is_written = || kept.last().is_some_and(|run| run.queue.saved.as_ref() == Some(&mask));
         assert_eq!(fixture.wait(|_| is_written()).status, RunStatus::Paused);
     }
 
@@ -388,7 +388,15 @@ mod tests {
         };
         let found = estimate(&design, &request, &mut CancelToken::new()).unwrap();
         let name = starts[0].name.clone();
-        let ranked = vec![RankedStart { name, design, estimate: found, sensor: None, is_scored: true, record: None }];
+        let ranked = vec![RankedStart {
+            name,
+            design,
+            estimate: found,
+            sensor: None,
+            is_scored: true,
+            sensor_failure: None,
+            record: None,
+        }];
         let settings = IdealSettings {
             patch: Some((6, 6)),
             first_fit: 30,

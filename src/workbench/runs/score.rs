@@ -136,7 +136,7 @@ pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
         let cells: Vec<&StudyCell> = study.cells.iter().filter(|cell| cell.patch == patch).collect();
         let Some(result) = cells.iter().find(|cell| cell.design == RESULT) else { continue };
         let start = cells.iter().copied().find(|cell| cell.design == START);
-        sentences.extend(start.and_then(|start| over_start(result, start)).map(|told| format!("{place}, {told}")));
+        sentences.extend(start.and_then(|start| over_start(result, start)).map(|gain| format!("{place}, {gain}")));
         // Masks that are still to be estimated may be the best.
         if cells.len() < study.settings.designs.len() {
             continue;
@@ -146,11 +146,11 @@ pub fn comparison_summary(study: &StudyRecord) -> Vec<String> {
         let is_alike = |cell: &StudyCell| size(cell).is_none_or(|patch| size(result).is_none_or(|of| of == patch));
         let is_layout = |cell: &&StudyCell| cell.design != RESULT && cell.design != START;
         let layouts: Vec<&StudyCell> = cells.iter().copied().filter(is_layout).filter(|cell| is_alike(cell)).collect();
-        sentences.extend(over_layouts_by_density(result, &layouts).map(|told| format!("{place}, {told}")));
+        sentences.extend(over_layouts_by_density(result, &layouts).map(|gain| format!("{place}, {gain}")));
         if result.ceiling().zip(result.model_bits()).is_some_and(|(ceiling, bits)| bits > ceiling) {
             sentences.push(format!("{place}: the density model lies above what the objects hold; it proves nothing"));
         }
-        sentences.extend(over_layouts_by_lower(result, &layouts).map(|told| format!("{place}, {told}")));
+        sentences.extend(over_layouts_by_lower(result, &layouts).map(|gain| format!("{place}, {gain}")));
     }
     sentences
 }
@@ -299,14 +299,14 @@ mod tests {
             .unwrap();
         assert_eq!(done, 4);
         let mut record = study.record().clone();
-        let told = comparison_summary(&record).join("\n");
+        let summary = comparison_summary(&record).join("\n");
         let mut partial = record.clone();
         partial.cells.retain(|cell| cell.design != "heuristic:3");
         let of_start = comparison_summary(&partial);
         assert!(of_start.len() == 1 && of_start[0].contains(", its start 0."), "a missing layout may be the best");
         assert!(
-            told.contains("6 x 6 px patches, density model") && told.contains("6 x 6 px patches, lower bound"),
-            "{told}"
+            summary.contains("6 x 6 px patches, density model") && summary.contains("6 x 6 px patches, lower bound"),
+            "{summary}"
         );
         // Bounds that are far apart are distinguished.
         let mut set = |name: &str, bits: f64| {
@@ -351,17 +351,17 @@ mod tests {
         upper("heuristic:3", 0.2);
         assert!(judged(&record).ends_with("+0.015; only upper bounds are known"), "{}", judged(&record));
         // On the same patches the difference is known better, or not.
-        let mut told = |interval_95| {
+        let mut summary_with = |interval_95| {
             let cell = record.cells.iter_mut().find(|cell| cell.design == "heuristic:3").unwrap();
             cell.difference_to_reference = Some(PairedDifference { bits_per_pixel: 0.015, interval_95 });
             judged(&record)
         };
-        let clear = told([0.012, 0.018]);
+        let clear = summary_with([0.012, 0.018]);
         assert!(
             clear.ends_with("+0.015 (+0.012 to +0.018, by the same test patches); only upper bounds are known"),
             "{clear}"
         );
-        let doubtful = told([-0.002, 0.032]);
+        let doubtful = summary_with([-0.002, 0.032]);
         assert!(
             doubtful.ends_with("by the same test patches); which may be none, and only upper bounds are known"),
             "{doubtful}"

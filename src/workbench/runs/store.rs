@@ -49,6 +49,15 @@ pub struct RunQueue {
     pub budget_seconds: Option<f64>,
 }
 
+/// A run as it is stored.
+#[derive(Clone, Debug)]
+pub struct StoredRun {
+    /// The queue.
+    pub queue: RunQueue,
+    /// Newest state of each start, where there is one.
+    pub states: Vec<Option<Vec<u8>>>,
+}
+
 impl RunQueue {
     /// A queue before its first run.
     pub fn new(starts: Vec<Start>, settings: IdealSettings) -> Self {
@@ -164,20 +173,20 @@ impl RunStore {
     }
 
     /// The queue and the states of its starts; none where files are missing or damaged.
-    pub fn last(&self) -> Option<(RunQueue, Vec<Option<Vec<u8>>>)> {
-        let mut order: RunQueue = RUN_ORDER.read(&self.order()).ok()?;
-        let sound = order.at < order.starts.len()
-            && order.starts.iter().all(|start| start.design.check().is_ok())
-            && order.ranked.iter().all(|result| result.design.check().is_ok());
+    pub fn last(&self) -> Option<StoredRun> {
+        let mut queue: RunQueue = RUN_ORDER.read(&self.order()).ok()?;
+        let sound = queue.at < queue.starts.len()
+            && queue.starts.iter().all(|start| start.design.check().is_ok())
+            && queue.ranked.iter().all(|result| result.design.check().is_ok());
         // Other states are read again when they are resumed.
-        let is_wanted = |start: usize, bytes: &[u8]| start != order.at || IdealOptimizer::state_in(bytes).is_ok();
+        let is_wanted = |start: usize, bytes: &[u8]| start != queue.at || IdealOptimizer::state_in(bytes).is_ok();
         let read = |start| self.load(start).ok()?.filter(|bytes| is_wanted(start, bytes));
-        let states: Vec<_> = (0..order.starts.len()).map(read).collect();
-        let is_done = |at: usize| order.ranked.iter().any(|result| result.name == order.starts[at].name);
-        if sound && is_done(order.at) && states[order.at].is_none() && order.at + 1 < order.starts.len() {
+        let states: Vec<_> = (0..queue.starts.len()).map(read).collect();
+        let is_done = |at: usize| queue.ranked.iter().any(|result| result.name == queue.starts[at].name);
+        if sound && is_done(queue.at) && states[queue.at].is_none() && queue.at + 1 < queue.starts.len() {
             // The program ended between two starts.
-            order.at += 1;
+            queue.at += 1;
         }
-        sound.then_some((order, states))
+        sound.then_some(StoredRun { queue, states })
     }
 }

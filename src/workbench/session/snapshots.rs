@@ -53,6 +53,16 @@ pub struct Snapshot {
     pub numbers: SnapshotNumbers,
 }
 
+/// Snapshots that were found in a folder.
+pub struct FoundSnapshots {
+    /// The newest ones.
+    pub snapshots: Snapshots,
+    /// Number of files that could not be read.
+    pub unreadable: usize,
+    /// Number of older ones that exceed the list.
+    pub unlisted: usize,
+}
+
 /// Summary of objects, light, noise and seed of a design.
 fn scene_of(design: &Design) -> String {
     let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
@@ -185,7 +195,8 @@ impl Snapshots {
     /// One sentence where there are too many snapshots.
     pub fn keep(
         &mut self,
-        (design, revision): (&Arc<Design>, u64),
+        design: &Arc<Design>,
+        revision: u64,
         live: &Live,
         estimates: &Estimates,
     ) -> Result<(), String> {
@@ -212,12 +223,11 @@ impl Snapshots {
         Ok(())
     }
 
-    /// Reads the newest snapshots of a folder, by this program or another. Also returns how many files could not be read, and how many
-    /// exceed the list.
+    /// Reads the newest snapshots of a folder, by this program or another.
     ///
     /// # Errors
     /// Where the folder cannot be created.
-    pub fn read(folder: &Path) -> Result<(Self, (usize, usize)), FormatError> {
+    pub fn read(folder: &Path) -> Result<FoundSnapshots, FormatError> {
         create_folder(folder)?;
         let documents = DocumentFolder { folder: folder.to_owned(), kind: SNAPSHOT, most: Self::MOST };
         let found = documents.read(|kept: &Kept| kept.design.check().is_ok())?;
@@ -241,7 +251,7 @@ impl Snapshots {
                 numbers,
             });
         }
-        Ok((all, (found.unreadable, found.unlisted)))
+        Ok(FoundSnapshots { snapshots: all, unreadable: found.unreadable, unlisted: found.unlisted })
     }
 
     /// Deletes a snapshot and its file; it can be [brought back](Snapshots::bring_back).
@@ -380,8 +390,8 @@ mod tests {
             let text = if number == 50 { "{".to_owned() } else { kept.to_string() };
             std::fs::write(folder.path().join(format!("{number:04}.json")), text).unwrap();
         }
-        let (snapshots, left) = Snapshots::read(folder.path()).unwrap();
-        assert_eq!(left, (1, 3), "one is broken, three are older");
+        let FoundSnapshots { snapshots, unreadable, unlisted } = Snapshots::read(folder.path()).unwrap();
+        assert_eq!((unreadable, unlisted), (1, 3), "one is broken, three are older");
         let names: Vec<&str> = snapshots.entries.iter().map(|kept| kept.name.as_str()).collect();
         assert_eq!((names.len(), names[0], names[names.len() - 1]), (Snapshots::MOST - 1, "Design 3", "Design 202"));
     }

@@ -243,7 +243,7 @@ fn notes(ui: &mut Ui, run: &DesignRun, view: &View<'_>) {
 
 /// Results of finished starts, the best first.
 fn ranking(ui: &mut Ui, state: &mut OptimizeState, run: &DesignRun, requests: &mut Vec<Request>) {
-    for sentence in &run.failures {
+    for sentence in run.all_failures() {
         ui.colored_label(ui.visuals().error_fg_color, sentence);
     }
     for (place, result) in run.ranked.iter().enumerate() {

@@ -188,7 +188,7 @@ fn orders_of_a_folder_come_before_newer_ones_and_waiting_ones_are_written_at_the
     let contents = FolderContents {
         folder: EstimateFolder::open(folder.path().to_path_buf()),
         finished: vec![*finished()],
-        interrupted: Some((order(), Some("it crashed".into()))),
+        interrupted: Some(InterruptedOrder { order: order(), given_up: Some("it crashed".into()) }),
         waiting: vec![order()],
     };
     fixture.end(Ok(EstimateAnswer::Read(Box::new(contents))));
