@@ -14,25 +14,21 @@
 //! ```
 
 // Designs and layouts.
-pub use crate::forward::{Design, DesignError, DesignFileError};
-pub use crate::optics::{
-    Encoder, Lenslet, LensletArray, Limits, depth_layout, fit_lenslets, heuristic_layout, import_psf, random_layout,
-};
+pub use crate::forward::Design;
+pub use crate::optics::{Encoder, Lenslet, LensletArray, Limits, heuristic_layout, import_psf, random_layout};
 
 // Objects, measurements and image files.
-pub use crate::formats::{FormatError, PixelStack, read_stack, write_array};
-pub use crate::forward::{ForwardError, ForwardModel, Simulated};
+pub use crate::formats::{read_stack, write_array};
+pub use crate::forward::{ForwardModel, Simulated};
 pub use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 pub use crate::sensor::Noise;
 
-// Progress and cancellation.
-pub use crate::progress::{CancelToken, Progress};
+// Cancellation, and progress that nobody reads.
+pub use crate::progress::CancelToken;
 
 // Estimates and bounds.
-pub use crate::evaluation::{
-    Calibration, EstimateRequest, EvaluationError, MeasuredError, MeasuredImages, MeasuredSource, estimate,
-};
-pub use crate::information::{Bracket, Estimate, Estimator, InformationError, NamedBound};
+pub use crate::evaluation::{Calibration, EstimateRequest, MeasuredImages, MeasuredSource, estimate};
+pub use crate::information::{Bracket, Estimate, Estimator, NamedBound};
 
 // The optimizer.
-pub use crate::design::{IdealError, IdealOptimizer, IdealSettings, Objective, Preset};
+pub use crate::design::{IdealOptimizer, IdealSettings, Objective, Preset};

@@ -20,6 +20,15 @@ impl<Step: ?Sized, F: FnMut(&Step) -> ControlFlow<()>> Progress<Step> for F {
 }
 
 /// Ends computations from another thread. Clones are the same token; a child is cancelled with its parent, not the reverse.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let token = CancelToken::new();
+/// let other = token.clone();
+/// std::thread::spawn(move || other.cancel()).join().expect("no panic");
+/// assert!(token.is_cancelled());
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct CancelToken {
     state: Arc<State>,

@@ -38,6 +38,19 @@ const LOWER_EVERY: usize = 5;
 const LOWER_SAMPLES: usize = 512;
 
 /// Optimizer of a mask. It advances round by round, and can be saved between two rounds.
+///
+/// ```no_run
+/// use lenslet_studio::prelude::*;
+///
+/// let design = Design { encoder: Encoder::Lenslets(random_layout(9, 1)), ..Design::default() };
+/// let model = ForwardModel::open(&design)?;
+/// let settings = IdealSettings { steps: 100, ..IdealSettings::new(Preset::Default, Objective::Posterior, 1) };
+/// let mut optimizer = IdealOptimizer::new(&model, &random_layout(9, 1), design.limits, settings)?;
+/// while !optimizer.is_finished() {
+///     optimizer.advance(&mut CancelToken::new())?;
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct IdealOptimizer<'a> {
     forward: &'a ForwardModel,
     /// The mask before the first step, within the limits.

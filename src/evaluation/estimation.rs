@@ -50,6 +50,15 @@ const WEAK_READ_NOISE: &str = "read noise this weak does not hide that counts ar
 /// Every patch is cut from an object of its own. Where objects share base images, intervals are wider. Under the default protocol no base
 /// image is in both training and test. Under the paper's protocol all are in both, and patches count as independent, as published.
 ///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let request = EstimateRequest::new(Estimator::GaussianStationary).with_patch(8, 8).with_patches(400, 100);
+/// let result = estimate(&Design::default(), &request, &mut CancelToken::new())?;
+/// assert!(result.interval_95[0] <= result.bits_per_pixel && result.bits_per_pixel <= result.interval_95[1]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`EvaluationError`] where objects, PSF, patch or noise do not allow an estimate.
 pub fn estimate(

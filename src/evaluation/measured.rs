@@ -143,6 +143,17 @@ impl MeasuredOrder {
 }
 
 /// Images of a camera in photons.
+///
+/// ```no_run
+/// use lenslet_studio::prelude::*;
+///
+/// let calibration = Calibration { gain: 2.0, offset: 64.0, bin: 1 };
+/// let mut progress = CancelToken::new();
+/// let images = MeasuredImages::open(&"stack:captures.npy".parse()?, &calibration, &mut progress)?;
+/// let request = EstimateRequest::new(Estimator::GaussianStationary);
+/// println!("{}", images.estimate(&request, Noise::Shot, 1, &mut progress)?.summary());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).

@@ -18,7 +18,7 @@ use crate::sensor::{DEFAULT_BIAS, Noise};
 ///
 /// let design = Design { encoder: Encoder::Lenslets(heuristic_layout(3)), ..Design::default() };
 /// assert_eq!(design.psf(1)?.dim(), (1, 32, 32));
-/// # Ok::<(), DesignError>(())
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Design {

@@ -259,6 +259,13 @@ const MAX_PLANES: usize = 64;
 /// Manufacturable region and width. The editor draws them and the optimizer projects onto them.
 ///
 /// Defaults are those of Kabuli et al. 2026: widths of at least 0.775 px, centres in the central 80 % of the grid.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let limits = Limits::default();
+/// assert!(limits.min_sigma_px > 0.5 && limits.central_share < 1.0);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
     /// Smallest standard deviation in pixels.

@@ -48,6 +48,12 @@ pub enum StudyError {
         /// The version in the file.
         found: String,
     },
+    /// The plot of the study cannot be drawn.
+    #[error("the plot of the study was not drawn: {reason}")]
+    Plot {
+        /// Reason, by the plotting library.
+        reason: String,
+    },
     /// The file in the folder is no study that this version knows.
     #[error("{}: expected a Lenslet Studio study of version {version}, found {found}; {advice}", .path.display())]
     Refused {

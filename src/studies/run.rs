@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use crate::evaluation::estimation::estimate_on_patches;
 use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
-use crate::formats::{FormatError, create_folder, lock_folder, write_csv_text, write_safely};
+use crate::formats::{create_folder, lock_folder, write_csv_text, write_safely};
 use crate::forward::{Design, open_set};
 use crate::information::{Estimate, PairedDifference, TestPatches};
 use crate::progress::Progress;
@@ -246,7 +246,7 @@ impl Study {
         Duration::try_from_secs_f64(mean).unwrap_or_else(|_| self.record.settings.budget())
     }
 
-    fn write(&self) -> Result<(), FormatError> {
+    fn write(&self) -> Result<(), StudyError> {
         let Some(folder) = &self.folder else { return Ok(()) };
         self.record.save(&folder.join(RECORD))?;
         let text = self.markdown();
@@ -254,7 +254,7 @@ impl Study {
         let rows = self.record.cells.iter().map(|cell| csv_row(&self.record.settings, cell));
         write_csv_text(&folder.join("study.csv"), &CSV_HEADER, rows)?;
         if self.record.settings.kind == StudyKind::Bracket {
-            let plot = bracket_plot(&self.record);
+            let plot = bracket_plot(&self.record)?;
             write_safely(&folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
         }
         Ok(())

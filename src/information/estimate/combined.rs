@@ -37,6 +37,16 @@ pub struct Provenance {
 /// Mutual information between scenes and measured patches, bits per pixel, with its interval, settings and origin.
 ///
 /// Made from trials by [`Estimate::new`] or read by [`Estimate::from_json`], never as a bare number.
+///
+/// ```
+/// use lenslet_studio::prelude::*;
+///
+/// let request = EstimateRequest::new(Estimator::GaussianFull).with_patch(6, 6).with_patches(400, 100);
+/// let result = estimate(&Design::default(), &request, &mut CancelToken::new())?;
+/// assert_eq!((result.patch, result.patches_test), ([6, 6], 100));
+/// println!("{}", result.summary());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// Always "lenslet-studio/estimate".
