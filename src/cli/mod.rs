@@ -161,30 +161,95 @@ fn open(arguments: Arguments) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use std::fmt::Write;
+    use std::path::{Path, PathBuf};
+
+    use clap::CommandFactory;
+
     use super::*;
 
-    /// Commands in the README: lines of its code blocks, and code spans in sentences.
+    fn root() -> &'static Path {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+    }
+
+    /// The pages of a folder and its folders.
+    fn pages(folder: &Path) -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        let of = |path: PathBuf| if path.is_dir() { pages(&path) } else { vec![path] };
+        entries.flat_map(of).filter(|path| path.extension().is_some_and(|ending| ending == "md")).collect()
+    }
+
+    /// Commands of the program in README and documentation: lines of code blocks.
     fn commands() -> Vec<String> {
-        let readme = include_str!("../../README.md");
         let mut found = Vec::new();
-        for (index, part) in readme.split("```").enumerate() {
-            let spans: Vec<&str> =
-                if index % 2 == 1 { part.lines().collect() } else { part.split('`').skip(1).step_by(2).collect() };
-            let of_program = spans.into_iter().filter(|span| span.starts_with("lenslet-studio "));
-            found.extend(of_program.map(|line| line.split('#').next().unwrap_or_default().to_owned()));
+        for page in [vec![root().join("README.md")], pages(&root().join("docs"))].concat() {
+            let text = std::fs::read_to_string(page).unwrap();
+            let blocks = text.split("```").skip(1).step_by(2).flat_map(str::lines);
+            let of_program = blocks.filter(|line| line.starts_with("lenslet-studio "));
+            found.extend(of_program.map(|line| line.split(" #").next().unwrap_or_default().to_owned()));
         }
         found
     }
 
     #[test]
-    fn commands_in_the_readme_parse() {
+    fn commands_of_the_documentation_parse() {
         let commands = commands();
-        assert!(commands.len() > 20, "{commands:#?}");
+        assert!(commands.len() > 50, "{commands:#?}");
         for command in commands {
-            let filled = command.replace("SEED", "1").replace("SET", "mnist").replace("heuristic:N", "heuristic:9");
-            let words = filled.replace("objects FILE", "objects idx:FILE");
-            let result = Arguments::try_parse_from(words.split_whitespace());
+            let result = Arguments::try_parse_from(command.split_whitespace());
             assert!(result.is_ok(), "{command}: {}", result.unwrap_err());
         }
+    }
+
+    /// Help of every command, as it is printed for a terminal of 100 columns.
+    fn page_of_options() -> String {
+        let mut page = "# Options of every command\n\nThe text of `help COMMAND`. A test keeps this page as the program prints it.\n".to_owned();
+        let mut add = |name: &str, command: &mut clap::Command| {
+            let help = command.clone().term_width(100).render_long_help().to_string();
+            let lines: Vec<&str> = help.lines().map(str::trim_end).collect();
+            let _ = write!(page, "\n## {name}\n\n```text\n{}\n```\n", lines.join("\n").trim_end());
+        };
+        let mut program = Arguments::command();
+        program.build();
+        add("lenslet-studio", &mut program);
+        for command in
+            program.get_subcommands_mut().filter(|command| !command.is_hide_set() && command.get_name() != "help")
+        {
+            add(command.get_name().to_owned().as_str(), command);
+            for part in command.get_subcommands_mut().filter(|part| !part.is_hide_set() && part.get_name() != "help") {
+                add(
+                    part.get_bin_name().unwrap_or_default().trim_start_matches("lenslet-studio ").to_owned().as_str(),
+                    part,
+                );
+            }
+        }
+        page
+    }
+
+    /// With `UPDATE_DOCS` set the page is written.
+    #[test]
+    fn page_of_options_is_up_to_date() {
+        let (path, page) = (root().join("docs/reference/options.md"), page_of_options());
+        if std::env::var_os("UPDATE_DOCS").is_some() {
+            std::fs::write(&path, &page).unwrap();
+        }
+        let found = std::fs::read_to_string(&path).unwrap();
+        assert!(found == page, "docs/reference/options.md is out of date: run this test with UPDATE_DOCS=1");
+    }
+
+    #[test]
+    fn every_flag_is_explained() {
+        let text = std::fs::read_to_string(root().join("docs/reference/command-line.md")).unwrap();
+        let mut program = Arguments::command();
+        program.build();
+        let mut commands = vec![&program];
+        let mut missing = Vec::new();
+        while let Some(command) = commands.pop() {
+            commands.extend(command.get_subcommands().filter(|part| !part.is_hide_set() && part.get_name() != "help"));
+            let flags = command.get_arguments().filter(|argument| !argument.is_hide_set());
+            let names = flags.filter_map(|argument| argument.get_long()).map(|name| format!("--{name}"));
+            missing.extend(names.filter(|name| !text.contains(name.as_str())));
+        }
+        assert!(missing.is_empty(), "docs/reference/command-line.md says nothing of {missing:?}");
     }
 }

@@ -224,7 +224,6 @@ mod tests {
         assert!(svg.contains("patch: 32 x 32 px; shot noise") && svg.contains("\npublished\n"));
         assert!(svg.contains("\n0.008\n") && svg.contains("\n0.6\n") && !svg.contains("NaN"));
         // One band, one line of the density model and one published mark, beside those of the legend.
-        std::fs::write("/tmp/plot.svg", &svg).unwrap();
         assert_eq!(svg.matches("<polygon").count(), 1);
         assert_eq!(svg.matches("stroke=\"#08519C\"").count(), 2);
         assert_eq!(svg.matches("<circle").count(), 2);
