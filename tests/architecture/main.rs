@@ -272,6 +272,7 @@ fn violations_are_found() {
         ("workbench/live/mod.rs", "pub struct Live;"),
         ("cli/mod.rs", "pub fn run() {}"),
         ("studio/mod.rs", "pub fn open_window() {}"),
+        ("studio/panels/mod.rs", ""),
         ("studio/panels/mtf.rs", "pub fn show() {}"),
     ];
     let with = |path: &str, source: &str| {

@@ -6,7 +6,7 @@ use egui::{Rect, Ui};
 use ndarray::Array3;
 
 use crate::studio::app::state::State;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::window_layout::VisiblePanel;
 use crate::studio::widgets::controls::name_widget;

@@ -6,7 +6,7 @@ use crate::studio::state::copied_numbers::numbers_json;
 use crate::studio::state::dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting};
 use crate::studio::state::transition::Transition;
 use crate::studio::state::window_layout::LayoutRequest;

@@ -112,3 +112,54 @@ impl State {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::forward::Design;
+    use crate::studio::state::mask::MaskDrag;
+
+    fn window() -> State {
+        State::new(Session::new(Design::default(), None, || {}).unwrap())
+    }
+
+    #[test]
+    fn new_lenslet_is_selected() {
+        let mut state = window();
+        state.panels.selection.set([1, 2]);
+        state.add_lenslet();
+        assert_eq!(*state.panels.selection.indices(), BTreeSet::from([9]));
+    }
+
+    #[test]
+    fn deletion_ends_drag_and_selection_and_undo_restores_locks() {
+        let mut state = window();
+        state.locks.toggle(&BTreeSet::from([1, 4]));
+        state.panels.selection.set([1]);
+        state.panels.mask.drag = Some(MaskDrag::Select { start: (0.0, 0.0), before: BTreeSet::new() });
+        state.delete_selection();
+        assert_eq!(*state.locks.indices(), BTreeSet::from([3]), "indices count the lenslets that are left");
+        assert!(state.panels.mask.drag.is_none() && state.panels.selection.indices().is_empty());
+        state.go(Session::undo);
+        assert_eq!(*state.locks.indices(), BTreeSet::from([1, 4]));
+    }
+
+    #[test]
+    fn refused_command_is_reported() {
+        let mut state = window();
+        state.send(&Command::DeleteLenslets(vec![9]));
+        assert_eq!(state.messages.failure.as_deref(), Some("there is no lenslet 10; the mask has 9"));
+    }
+
+    #[test]
+    fn random_presets_have_consecutive_seeds() {
+        let mut state = window();
+        let seed = state.session.design().seed;
+        for draw in [seed, seed + 1] {
+            state.put_preset(Preset::Random);
+            assert_eq!(state.session.design().encoder, Encoder::Lenslets(random_layout(25, draw)));
+        }
+    }
+}

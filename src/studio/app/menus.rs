@@ -10,7 +10,7 @@ use crate::studio::app::capture;
 use crate::studio::dialogs::settings_dialogs;
 use crate::studio::panels::parts::{action_entry, image_menu};
 use crate::studio::state::action::{Action, Preset};
-use crate::studio::state::image_panels::MtfMode;
+use crate::studio::state::mtf_and_map::MtfMode;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::panels::Panels;
 use crate::studio::state::request::{Request, Setting};

@@ -7,7 +7,7 @@ use ndarray::{Array4, ArrayD, Axis};
 use crate::objects::ObjectSource;
 use crate::studio::app::state::State;
 use crate::studio::state::messages::Severity;
-use crate::studio::state::path_question::{PathPurpose, PathQuestion};
+use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
 use crate::workbench::{Job, MeasurementFormat};
 
 impl State {

@@ -2,7 +2,7 @@
 
 use crate::forward::Design;
 use crate::studio::app::state::State;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::transition::{PendingTransition, Transition};
 use crate::workbench::{ActivityKind, DesignRun};
 
@@ -90,5 +90,36 @@ impl State {
         };
         let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
         (!sentences.is_empty()).then(|| sentences.join(" "))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::workbench::Session;
+
+    #[test]
+    fn unsaved_changes_wait_for_a_confirmation() {
+        let ctx = egui::Context::default();
+        let mut state = State::new(Session::new(Design::default(), None, || {}).unwrap());
+        let sample = Design { seed: 77, ..Design::default() };
+        state.request_transition(&ctx, Transition::Sample(Box::new(sample)));
+        assert_eq!(state.session.design().seed, 77, "nothing would be lost");
+        state.add_lenslet();
+        state.request_transition(&ctx, Transition::New);
+        let pending = state.dialogs.transition.as_ref().map(|pending| (&pending.what, pending.saving));
+        assert_eq!((pending, state.session.design().seed), (Some((&Transition::New, false)), 77));
+        state.perform_transition(&ctx, Transition::New);
+        assert!(state.dialogs.transition.is_none() && **state.session.design() == Design::default());
+    }
+
+    #[test]
+    fn transition_after_a_cancelled_save_keeps_asking() {
+        let ctx = egui::Context::default();
+        let mut state = State::new(Session::new(Design::default(), None, || {}).unwrap());
+        state.add_lenslet();
+        state.dialogs.transition = Some(PendingTransition { what: Transition::New, saving: true });
+        assert!(!state.transit_after_save(&ctx) && state.session.is_dirty());
+        assert_eq!(state.dialogs.transition.map(|pending| pending.saving), Some(false));
     }
 }

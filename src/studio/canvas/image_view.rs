@@ -4,7 +4,7 @@ use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions
 use ndarray::{ArrayView2, s};
 
 use crate::studio::canvas::display_range::{self, DisplayRange, Histogram};
-use crate::studio::canvas::overlays;
+use crate::studio::canvas::overlays::{self, PixelSize};
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::canvas::viewport::{Placement, Viewport};
 use crate::studio::widgets::controls::name_widget;
@@ -33,13 +33,30 @@ impl ColourPalettes {
     }
 }
 
-/// Identifies an image: revision and index.
-pub type Version = (u64, usize);
+/// Identifies the values of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ImageVersion {
+    /// Revision of the design, or another number of the content.
+    pub revision: u64,
+    /// Index of the image in that content.
+    pub index: usize,
+}
+
+/// What an image view shows.
+#[derive(Clone, Copy)]
+pub struct ImageContent<'a> {
+    /// The values, shape (rows, cols).
+    pub values: ArrayView2<'a, f32>,
+    /// Their version.
+    pub version: ImageVersion,
+    /// Whether they belong to an earlier revision; such an image is dimmed.
+    pub is_stale: bool,
+}
 
 /// Data that a texture depends on.
 #[derive(Clone, Copy, PartialEq)]
 struct TextureKey {
-    version: Version,
+    version: ImageVersion,
     colormap: Colormap,
     limits: (f32, f32),
     /// Longest side of the texture.
@@ -56,8 +73,8 @@ pub struct ImageView {
     pub colormap: Colormap,
     /// Zoom and pan.
     pub viewport: Viewport,
-    /// Width of a pixel and its unit.
-    pixel: (f64, &'static str),
+    /// Size of a pixel.
+    pixel: PixelSize,
     texture: Option<TextureHandle>,
     drawn: Option<TextureKey>,
     /// Rule of the display range, and whether the histogram is logarithmic.
@@ -65,11 +82,11 @@ pub struct ImageView {
     logarithmic: bool,
     /// Display range (low, high), and the data it was derived from.
     limits: (f32, f32),
-    levelled: Option<(Version, DisplayRange)>,
+    levelled: Option<(ImageVersion, DisplayRange)>,
     /// Display range that this image shares with others.
     common: Option<(f32, f32)>,
     /// Computed while the editor is open.
-    histogram: Option<(Version, Histogram)>,
+    histogram: Option<(ImageVersion, Histogram)>,
     histogram_wanted: bool,
 }
 
@@ -98,7 +115,7 @@ impl ImageView {
             unit,
             colormap,
             viewport: Viewport::default(),
-            pixel: (1.0, "px"),
+            pixel: PixelSize { width: 1.0, unit: "px" },
             texture: None,
             drawn: None,
             levels: DisplayRange::default(),
@@ -135,9 +152,9 @@ impl ImageView {
         self.levels = DisplayRange::default();
     }
 
-    /// Sets the width of a pixel and its unit.
-    pub fn set_pixel(&mut self, width: f64, unit: &'static str) {
-        self.pixel = (width, unit);
+    /// Sets the size of a pixel.
+    pub fn set_pixel(&mut self, size: PixelSize) {
+        self.pixel = size;
     }
 
     /// Controls of colour map and display range.
@@ -176,16 +193,15 @@ impl ImageView {
         });
     }
 
-    /// Shows the image, as large as fits, with its colour bar. `version` identifies its content; a `stale` image is dimmed.
+    /// Shows the image, as large as fits, with its colour bar.
     pub fn show(
         &mut self,
         ui: &mut Ui,
         palettes: &ColourPalettes,
-        image: ArrayView2<'_, f32>,
-        version: Version,
-        stale: bool,
+        content: ImageContent<'_>,
         pointer_mode: PointerMode,
     ) -> Shown {
+        let ImageContent { values: image, version, is_stale } = content;
         let (rows, cols) = image.dim();
         let room = ui.available_rect_before_wrap();
         let space = vec2((room.width() - Self::BAR).max(16.0), room.height().max(16.0));
@@ -205,7 +221,7 @@ impl ImageView {
         self.update_texture(ui.ctx(), palettes, image, version);
         let painter = ui.painter_at(room);
         if let Some(texture) = &self.texture {
-            let tint = if stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
+            let tint = if is_stale { Color32::from_white_alpha(215) } else { Color32::WHITE };
             // Only the visible part: single precision does not resolve pixels far beyond the screen.
             let part = |position: Pos2| ((position - placement.rect.min) / placement.rect.size()).to_pos2();
             painter.image(texture.id(), seen, Rect::from_min_max(part(seen.min), part(seen.max)), tint);
@@ -215,14 +231,14 @@ impl ImageView {
         let above = ui.painter_at(seen);
         overlays::pixel_values(&above, placement, seen, image, |value| palette[Colormap::index(value, self.limits)]);
         let bar = overlays::scale_bar_length(seen.width(), placement.scale, self.pixel);
-        if let Some((length, text)) = &bar {
-            overlays::scale_bar(&above, seen, *length, text);
+        if let Some(bar) = &bar {
+            overlays::scale_bar(&above, seen, bar);
         }
         response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, self.name));
         ui.ctx().accesskit_node_builder(response.id, |node| {
             let (x, y) = self.viewport.centre(image.dim());
             let zoom = self.viewport.zoom();
-            let bar = bar.map_or_else(String::new, |(_, text)| format!(", scale bar {text}"));
+            let bar = bar.map_or_else(String::new, |bar| format!(", scale bar {}", bar.text));
             node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}"));
         });
         self.fit_button(ui, seen);
@@ -256,7 +272,7 @@ impl ImageView {
     }
 
     /// Updates the display range, and the histogram while its editor is open.
-    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: Version) {
+    fn update_limits(&mut self, image: ArrayView2<'_, f32>, version: ImageVersion) {
         let found_from = (version, self.levels);
         if self.levelled != Some(found_from) {
             self.limits = self.limits_of(image);
@@ -272,7 +288,7 @@ impl ImageView {
         ctx: &egui::Context,
         palettes: &ColourPalettes,
         image: ArrayView2<'_, f32>,
-        version: Version,
+        version: ImageVersion,
     ) {
         let longest = max_texture_side(ctx);
         let wanted = TextureKey { version, colormap: self.colormap, limits: self.limits, longest };
@@ -361,7 +377,7 @@ mod tests {
         // Limit of a renderer, and the expected texture width.
         for (most, cols) in [(2048, 2000), (16_384, 5000)] {
             ctx.input_mut(|input| input.max_texture_side = most);
-            view.update_texture(&ctx, &ColourPalettes::default(), image.view(), (1, 0));
+            view.update_texture(&ctx, &ColourPalettes::default(), image.view(), ImageVersion { revision: 1, index: 0 });
             assert_eq!(view.texture.as_ref().map(TextureHandle::size), Some([cols, 64]));
         }
     }

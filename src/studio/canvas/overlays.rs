@@ -63,15 +63,34 @@ fn contrasting(below: Color32) -> Color32 {
     if luminance > 0.179 { Color32::BLACK } else { Color32::WHITE }
 }
 
-/// Length, points, and text of the scale bar of an image `room` points wide, with `scale` points per pixel of `per_pixel`
-/// units. Lengths in pixels are whole numbers; none if not even one pixel fits.
-pub fn scale_bar_length(room: f32, scale: f32, (per_pixel, unit): (f64, &str)) -> Option<(f32, String)> {
+/// Size of a pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelSize {
+    /// Width in `unit`.
+    pub width: f64,
+    /// The unit.
+    pub unit: &'static str,
+}
+
+/// A scale bar.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ScaleBar {
+    /// Length, points.
+    pub length: f32,
+    /// Length as text, with its unit.
+    pub text: String,
+}
+
+/// Scale bar of an image `room` points wide, with `scale` points per pixel. Lengths in pixels are whole numbers; none if not
+/// even one pixel fits.
+pub fn scale_bar_length(room: f32, scale: f32, pixel: PixelSize) -> Option<ScaleBar> {
+    let PixelSize { width: per_pixel, unit } = pixel;
     let units_in = |points: f32| f64::from(points) * per_pixel / f64::from(scale);
     let length = round_length(units_in(LONGEST_BAR.min(LONGEST_SHARE * room)))
         .filter(|length| unit != "px" || *length >= 1.0)
         // One pixel is the minimum.
         .or_else(|| (unit == "px" && scale <= 0.8 * room).then_some(1.0))?;
-    Some(((length / per_pixel) as f32 * scale, format!("{} {unit}", tidy(length))))
+    Some(ScaleBar { length: (length / per_pixel) as f32 * scale, text: format!("{} {unit}", tidy(length)) })
 }
 
 /// A number without trailing zeros.
@@ -81,11 +100,12 @@ fn tidy(length: f64) -> String {
 }
 
 /// Draws the scale bar into the lower left corner.
-pub fn scale_bar(painter: &Painter, seen: Rect, length: f32, text: &str) {
+pub fn scale_bar(painter: &Painter, seen: Rect, bar: &ScaleBar) {
+    let ScaleBar { length, text } = bar;
     if seen.height() < 48.0 {
         return;
     }
-    let galley = painter.layout_no_wrap(text.to_owned(), FontId::proportional(11.0), Color32::WHITE);
+    let galley = painter.layout_no_wrap(text.clone(), FontId::proportional(11.0), Color32::WHITE);
     let inside = vec2(length.max(galley.size().x), galley.size().y + 5.0);
     let plate =
         Rect::from_min_size(seen.left_bottom() - vec2(0.0, inside.y + 12.0) + vec2(5.0, 0.0), inside + vec2(10.0, 7.0));
@@ -121,14 +141,16 @@ mod tests {
 
     #[test]
     fn scale_bars_are_round_and_fit() {
-        let (length, text) = scale_bar_length(290.0, 3.0, (1.0, "px")).unwrap();
-        assert_eq!((length, text.as_str()), (60.0, "20 px"));
-        assert_eq!(scale_bar_length(290.0, 12.0, (1.0, "px")).unwrap().1, "5 px");
+        let px = PixelSize { width: 1.0, unit: "px" };
+        let bar = |length: f32, text: &str| Some(ScaleBar { length, text: text.into() });
+        assert_eq!(scale_bar_length(290.0, 3.0, px), bar(60.0, "20 px"));
+        assert_eq!(scale_bar_length(290.0, 12.0, px), bar(60.0, "5 px"));
         // A pixel larger than the longest bar is still the shortest length, as long as it fits.
-        assert_eq!(scale_bar_length(290.0, 150.0, (1.0, "px")).unwrap(), (150.0, "1 px".into()));
-        assert_eq!(scale_bar_length(100.0, 150.0, (1.0, "px")), None);
+        assert_eq!(scale_bar_length(290.0, 150.0, px), bar(150.0, "1 px"));
+        assert_eq!(scale_bar_length(100.0, 150.0, px), None);
         // 32 frequencies of 1/32 cycle per pixel.
-        let (length, text) = scale_bar_length(320.0, 10.0, (1.0 / 32.0, "cycles/px")).unwrap();
+        let frequency = PixelSize { width: 1.0 / 32.0, unit: "cycles/px" };
+        let ScaleBar { length, text } = scale_bar_length(320.0, 10.0, frequency).unwrap();
         assert_eq!(text, "0.2 cycles/px");
         assert!((length - 64.0).abs() < 1e-3);
     }

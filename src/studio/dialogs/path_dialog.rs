@@ -10,7 +10,7 @@ use egui::{Key, TextEdit};
 
 use crate::formats::path_text;
 use crate::studio::dialogs::system_dialog;
-use crate::studio::state::path_question::{Answer, PathDialog, PathPurpose, PathQuestion, Picker};
+use crate::studio::state::path_dialog::{Answer, PathDialog, PathPurpose, PathQuestion, Picker};
 use crate::studio::state::request::Request;
 use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;

@@ -10,7 +10,7 @@ use crate::plural::counted;
 use crate::studies::Machine;
 use crate::studio::state::action::Action;
 use crate::studio::state::dialogs::SettingsDialog;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
 use crate::studio::state::request::{Request, Setting};
 use crate::studio::state::view::View;

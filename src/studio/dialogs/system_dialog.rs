@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 
-use crate::studio::state::path_question::{Answer, Picker};
+use crate::studio::state::path_dialog::{Answer, Picker};
 
 /// Opens the dialog at a path; `None` if no thread can be started.
 pub fn open(ctx: &egui::Context, picker: Picker, start: &Path) -> Option<Receiver<Answer>> {

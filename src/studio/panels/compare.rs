@@ -7,13 +7,13 @@ use egui_plot::{Line, Plot, PlotPoint, PlotPoints, Points, Text, VLine};
 use ndarray::{Array2, CowArray};
 
 use crate::information::with_decimals;
-use crate::studio::canvas::image_view::ColourPalettes;
+use crate::studio::canvas::image_view::{ColourPalettes, ImageContent, ImageVersion};
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::tamura_gauge::TAMURA_GUIDE;
 use crate::studio::state::action::Action;
-use crate::studio::state::comparison::{CompareState, ComparedSide, Quantity};
+use crate::studio::state::compare::{CompareState, ComparedSide, Quantity};
 use crate::studio::state::pane::Pane;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
@@ -258,7 +258,7 @@ fn pair(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes, reques
         return;
     }
     let what = state.what as u64;
-    let version = (a.number << 34 | b.number << 4 | what, state.side as usize);
+    let version = ImageVersion { revision: a.number << 34 | b.number << 4 | what, index: state.side as usize };
     let extent = |image: &Array2<f32>| {
         let finite = image.iter().copied().filter(|value| value.is_finite());
         finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)))
@@ -283,7 +283,8 @@ fn pair(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes, reques
     let side = ui.available_width().clamp(120.0, 340.0);
     ui.allocate_ui(Vec2::new(side, side - 58.0), |ui| {
         view.viewport = viewport;
-        let shown = view.show(ui, palettes, image.view(), version, false, PointerMode::View);
+        let content = ImageContent { values: image.view(), version, is_stale: false };
+        let shown = view.show(ui, palettes, content, PointerMode::View);
         if let Some(position) = shown.response.hover_pos() {
             let value = view.describe_pixel(image.view(), shown.placement.to_pixels(position));
             requests.extend(value.map(Request::Describe));

@@ -5,7 +5,7 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints, Points};
 
 use crate::plural::counted;
 use crate::studio::state::edit_history::{EditHistory, EditPoint};
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};

@@ -3,9 +3,10 @@
 use egui::Ui;
 use ndarray::Axis;
 
+use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
-use crate::studio::state::image_panels::InformationMapState;
+use crate::studio::state::mtf_and_map::InformationMapState;
 use crate::studio::state::request::Request;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
@@ -44,13 +45,15 @@ pub fn show(ui: &mut Ui, map: &mut InformationMapState, view: &View<'_>, request
         return;
     };
     let is_current = view.is_current(live.revision);
-    let version = (live.revision, live.value.recipe.steps * 16 + map.patch.map_or(0, |patch| patch + 1));
+    let index = live.value.recipe.steps * 16 + map.patch.map_or(0, |patch| patch + 1);
     let image = map.map_of(&live.value);
     if image.is_empty() {
         return;
     }
     let patch = map.shown_patch(&live.value);
-    let shown = map.image.show(ui, view.palettes, image, version, !is_current, PointerMode::View);
+    let version = ImageVersion { revision: live.revision, index };
+    let content = ImageContent { values: image, version, is_stale: !is_current };
+    let shown = map.image.show(ui, view.palettes, content, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
         let photons = patch.and_then(|patch| {

@@ -9,21 +9,23 @@ use std::collections::BTreeSet;
 
 use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
-use crate::optics::{Lenslet, LensletArray, Limits, Spot};
-use crate::studio::canvas::image_view::Shown;
+use crate::optics::{Lenslet, LensletArray};
+use crate::studio::canvas::image_view::{ImageContent, ImageVersion, Shown};
 use crate::studio::canvas::pan_zoom::{CLICK_REACH, PointerMode, is_panning, zoomed_by_keys};
-use crate::studio::canvas::viewport::Placement;
 use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
 use crate::studio::panels::parts::lenslet_menu::{self, inside};
+use crate::studio::panels::parts::mask_drawing::{
+    Canvas, draw_arrows, draw_handle, draw_limits, frame_of, position_gradients,
+};
 use crate::studio::panels::parts::trajectories;
 use crate::studio::state::action::Action;
-use crate::studio::state::mask_panel::{MaskDrag, MaskPanelState};
+use crate::studio::state::mask::{MaskDrag, MaskState};
 use crate::studio::state::request::Request;
 use crate::studio::state::selection::Selection;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{placeholder, toolbar};
-use crate::workbench::{Command, DesignRun, LensletChange, PositionGradient};
+use crate::workbench::{Command, LensletChange};
 
 /// Step of an arrow key, PSF px.
 const NUDGE_PX: f64 = 0.1;
@@ -31,24 +33,10 @@ const NUDGE_PX: f64 = 0.1;
 const WHEEL_FACTOR: f64 = 1.08;
 /// Points of a touch pad that equal one notch of a wheel.
 const POINTS_PER_NOTCH: f32 = 40.0;
-/// Length of the longest gradient arrow, PSF px.
-const LONGEST_ARROW_PX: f64 = 3.0;
-/// Colour of gradient arrows. No colour map contains it.
-const ARROW: Color32 = Color32::from_rgb(255, 96, 160);
-/// Minimal radius of a handle, points.
-const MIN_HANDLE: f32 = 7.0;
-
-/// The drawn mask.
-#[derive(Clone, Copy)]
-struct Canvas<'a> {
-    view: &'a View<'a>,
-    array: &'a LensletArray,
-    placement: Placement,
-}
 
 /// What gestures change.
 struct Edited<'a> {
-    panel: &'a mut MaskPanelState,
+    panel: &'a mut MaskState,
     selection: &'a mut Selection,
     requests: &'a mut Vec<Request>,
 }
@@ -62,7 +50,7 @@ impl Edited<'_> {
 /// Shows the panel.
 pub fn show(
     ui: &mut Ui,
-    panel: &mut MaskPanelState,
+    panel: &mut MaskState,
     selection: &mut Selection,
     view: &View<'_>,
     requests: &mut Vec<Request>,
@@ -97,7 +85,9 @@ pub fn show(
     };
     let is_current = view.is_current(optics.revision);
     let image = optics.value.image.view();
-    let shown = panel.psf.show(ui, view.palettes, image, (optics.revision, 0), !is_current, PointerMode::Edit);
+    let version = ImageVersion { revision: optics.revision, index: 0 };
+    let content = ImageContent { values: image, version, is_stale: !is_current };
+    let shown = panel.psf.show(ui, view.palettes, content, PointerMode::Edit);
     let placement = shown.placement;
     if !panel.psf.viewport.is_fitted() {
         // Hidden lenslets do not cover other controls.
@@ -122,9 +112,9 @@ pub fn show(
     image_menu::show(ui, &mut panel.psf, &menu, requests, add_here);
     // A stale image may have another shape than the array.
     let Some(array) = array.filter(|array| (array.rows, array.cols) == image.dim()) else { return };
-    draw_limits(ui, placement, array, &view.design.limits, selection);
-    trajectories::draw(ui, view, placement, array);
     let canvas = Canvas { view, array, placement };
+    draw_limits(ui, canvas, selection);
+    trajectories::draw(ui, view, placement, array);
     let mut edited = Edited { panel, selection, requests };
     canvas_gestures(ui, canvas, &mut edited, &shown.response);
     for index in 0..array.lenslets.len() {
@@ -134,56 +124,6 @@ pub fn show(
         draw_arrows(ui, canvas);
     }
     keyboard(ui, canvas, &mut edited, &shown);
-}
-
-/// Draws the position gradient of each lenslet, from the previewed run or the live estimate. The longest arrow has
-/// [`LONGEST_ARROW_PX`].
-fn draw_arrows(ui: &Ui, canvas: Canvas<'_>) {
-    let Canvas { view, array, placement } = canvas;
-    let significant =
-        |gradient: &PositionGradient| if gradient.is_significant { (gradient.x, gradient.y) } else { (0.0, 0.0) };
-    let by_live = || Some(position_gradients(view)?.iter().map(significant).collect());
-    let of_run = |run: &&DesignRun| run.is_active() && !run.position_gradients.is_empty() && *run.array == *array;
-    let run = view.run.filter(of_run);
-    let gradients: Option<Vec<(f64, f64)>> = run.map(|run| run.position_gradients.to_vec()).or_else(by_live);
-    let Some(gradients) = gradients.filter(|gradients| gradients.len() == array.lenslets.len()) else { return };
-    let longest = gradients.iter().map(|&(x, y)| x.hypot(y)).fold(0.0, f64::max);
-    if longest <= 0.0 {
-        return;
-    }
-    let scale = LONGEST_ARROW_PX / longest;
-    for (lenslet, (x, y)) in array.lenslets.iter().zip(gradients) {
-        let from = placement.to_screen(lenslet.x, lenslet.y);
-        let to = placement.to_screen(lenslet.x + scale * x, lenslet.y + scale * y);
-        if from.distance(to) > 3.0 {
-            ui.painter().arrow(from, to - from, Stroke::new(3.5, Color32::from_black_alpha(160)));
-            ui.painter().arrow(from, to - from, Stroke::new(1.8, ARROW));
-        }
-    }
-}
-
-/// Position gradients of the current live estimate.
-fn position_gradients<'a>(view: &View<'a>) -> Option<&'a [PositionGradient]> {
-    let live = view.estimates.live.as_ref().filter(|live| view.is_current(live.revision));
-    live?.value.pulls.as_deref()
-}
-
-/// Draws the limits of position and width as dashed lines.
-fn draw_limits(ui: &Ui, placement: Placement, array: &LensletArray, limits: &Limits, selection: &Selection) {
-    let (left, right) = limits.coordinate_range(array.cols);
-    let (top, bottom) = limits.coordinate_range(array.rows);
-    let corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)];
-    let points: Vec<_> = corners.iter().map(|&(x, y)| placement.to_screen(x, y)).collect();
-    let stroke = Stroke::new(1.0, Color32::from_white_alpha(110));
-    ui.painter().extend(egui::Shape::dashed_line(&points, stroke, 5.0, 4.0));
-    let smallest = limits.min_sigma_px.powi(2);
-    for (_, lenslet) in selection.of(array) {
-        let centre = placement.to_screen(lenslet.x, lenslet.y);
-        let mut outline: Vec<_> =
-            ellipse(smallest, 0.0, smallest).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect();
-        outline.extend(outline.first().copied());
-        ui.painter().extend(egui::Shape::dashed_line(&outline, stroke, 3.0, 3.0));
-    }
 }
 
 /// Gestures on the image: box selection, deselection, adding.
@@ -265,12 +205,6 @@ fn drag_lenslets(canvas: Canvas<'_>, edited: &mut Edited<'_>, response: &egui::R
     if response.drag_stopped() {
         edited.panel.drag = None;
     }
-}
-
-/// Screen rectangle of a handle.
-fn frame_of(placement: Placement, lenslet: &Lenslet) -> Rect {
-    let reach = (lenslet.spot.mean_sigma() as f32 * placement.scale).clamp(MIN_HANDLE, 24.0);
-    Rect::from_center_size(placement.to_screen(lenslet.x, lenslet.y), Vec2::splat(2.0 * reach))
 }
 
 /// A new lenslet with the width of the last one and the mean weight.
@@ -392,49 +326,6 @@ fn wheel(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, index: usize) {
     }
 }
 
-fn draw_handle(ui: &Ui, canvas: Canvas<'_>, response: &egui::Response, lenslet: &Lenslet, selected: bool) {
-    let Canvas { array, placement, .. } = canvas;
-    let radius = lenslet.spot.mean_sigma() as f32 * placement.scale;
-    let brightest = array.lenslets.iter().map(|lenslet| lenslet.weight).fold(0.0, f64::max);
-    let share = if brightest > 0.0 { (lenslet.weight / brightest) as f32 } else { 0.0 };
-    let accent = ui.visuals().selection.stroke.color;
-    let base = if selected { Color32::from_rgb(255, 170, 40) } else { Color32::WHITE };
-    let width = if response.hovered() || response.has_focus() { 2.5 } else { 1.5 };
-    let painter = ui.painter();
-    let centre = placement.to_screen(lenslet.x, lenslet.y);
-    let fill = base.gamma_multiply(0.04 + 0.24 * share);
-    let outline: Vec<_> = match lenslet.spot {
-        Spot::Isotropic(_) => Vec::new(),
-        Spot::Anisotropic { xx, xy, yy } => {
-            ellipse(xx, xy, yy).map(|(dx, dy)| centre + vec2(dx, dy) * placement.scale).collect()
-        }
-    };
-    // A light line with a dark outline is visible on every colour.
-    if outline.is_empty() {
-        let radius = radius.max(3.5);
-        painter.circle(centre, radius, fill, Stroke::new(width, base));
-        painter.circle_stroke(centre, radius + 0.5 * width + 0.5, Stroke::new(1.0, Color32::from_black_alpha(170)));
-    } else {
-        painter.add(egui::Shape::convex_polygon(outline.clone(), fill, Stroke::new(width, base)));
-        painter.add(egui::Shape::closed_line(outline, Stroke::new(1.0, Color32::from_black_alpha(170))));
-    }
-    if response.has_focus() {
-        painter.circle_stroke(centre, radius.max(MIN_HANDLE) + 4.0, Stroke::new(1.0, accent));
-    }
-}
-
-/// Outline of the ellipse of one standard deviation, in pixels around its centre.
-fn ellipse(xx: f64, xy: f64, yy: f64) -> impl Iterator<Item = (f32, f32)> {
-    // Cholesky factor of the covariance maps the unit circle onto it.
-    let a = xx.sqrt();
-    let b = xy / a;
-    let c = (yy - b * b).max(0.0).sqrt();
-    (0..40).map(move |step| {
-        let angle = std::f64::consts::TAU * f64::from(step) / 40.0;
-        ((a * angle.cos()) as f32, (b * angle.cos() + c * angle.sin()) as f32)
-    })
-}
-
 /// Keys that nudge the selection or zoom around it, unless another control has the keyboard.
 fn keyboard(ui: &Ui, canvas: Canvas<'_>, edited: &mut Edited<'_>, shown: &Shown) {
     let array = canvas.array;
@@ -484,13 +375,5 @@ mod tests {
         assert!((rightmost - 31.0).abs() < 1e-9 && topmost.abs() < 1e-9);
         let gap = |lenslets: &[(usize, Lenslet)]| lenslets[1].1.x - lenslets[0].1.x;
         assert!((gap(&moved) - gap(&from)).abs() < 1e-9);
-    }
-
-    #[test]
-    fn ellipse_has_widths_of_its_covariance() {
-        let radii: Vec<f64> = ellipse(4.0, 1.0, 2.0).map(|(x, y)| f64::from(x.hypot(y))).collect();
-        let (minor, major) = Spot::Anisotropic { xx: 4.0, xy: 1.0, yy: 2.0 }.principal_sigmas();
-        assert!((radii.iter().copied().fold(0.0, f64::max) - major).abs() < 0.02);
-        assert!((radii.iter().copied().fold(f64::INFINITY, f64::min) - minor).abs() < 0.02);
     }
 }

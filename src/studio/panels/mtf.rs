@@ -6,12 +6,13 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 
 use crate::evaluation::Optics;
 use crate::optics::Mtf;
-use crate::studio::canvas::image_view::ImageView;
+use crate::studio::canvas::image_view::{ImageContent, ImageVersion, ImageView};
+use crate::studio::canvas::overlays::PixelSize;
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
 use crate::studio::panels::parts::spectrum_plot;
-use crate::studio::state::image_panels::{MtfMode, MtfState};
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::mtf_and_map::{MtfMode, MtfState};
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
@@ -67,9 +68,10 @@ fn show_map(
     let is_current = view.is_current(optics.revision);
     let image = optics.value.mtf.map.view();
     let (rows, cols) = image.dim();
-    map.set_pixel(1.0 / cols.max(1) as f64, "cycles/px");
-    let version = (optics.revision, 0);
-    let shown = map.show(ui, view.palettes, image, version, !is_current, PointerMode::View);
+    map.set_pixel(PixelSize { width: 1.0 / cols.max(1) as f64, unit: "cycles/px" });
+    let version = ImageVersion { revision: optics.revision, index: 0 };
+    let content = ImageContent { values: image, version, is_stale: !is_current };
+    let shown = map.show(ui, view.palettes, content, PointerMode::View);
     if let Some(position) = shown.response.hover_pos() {
         let (x, y) = shown.placement.to_pixels(position);
         if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {

@@ -6,7 +6,7 @@ use crate::design::{Free, IdealSettings, Objective, Preset, Rates};
 use crate::evaluation::format_duration;
 use crate::studio::panels::parts::run_results;
 use crate::studio::state::action::Action;
-use crate::studio::state::optimize_form::{OptimizeState, StartMask, offered};
+use crate::studio::state::optimize::{OptimizeState, StartMask, offered};
 use crate::studio::state::request::{Request, RunRequest};
 use crate::studio::state::transition::Transition;
 use crate::studio::state::view::View;

@@ -5,6 +5,7 @@ use ndarray::Axis;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
 use crate::studio::panels::parts::{information_overlay, linked_cursor};
@@ -25,11 +26,14 @@ pub fn show_object(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, req
         placeholder(ui, view.live.busy.as_deref().unwrap_or_else(|| waiting(view)));
         return;
     };
-    let stale = !scene.value.serves(view.design);
     let index = samples.shown.index.min(scene.value.objects.len_of(Axis(0)).saturating_sub(1));
     let object = object_of(&scene.value, index);
-    let version = (scene.revision, index);
-    let shown = samples.object.show(ui, view.palettes, object.view(), version, stale, PointerMode::View);
+    let content = ImageContent {
+        values: object.view(),
+        version: ImageVersion { revision: scene.revision, index },
+        is_stale: !scene.value.serves(view.design),
+    };
+    let shown = samples.object.show(ui, view.palettes, content, PointerMode::View);
     let value = linked_cursor::update(ui, samples, view, Side::Object, &shown, object.view());
     requests.extend(value.map(Request::Describe));
     let menu = MenuImage { image: object.view(), is_current: view.is_current(scene.revision), shown: &shown };
@@ -53,8 +57,9 @@ pub fn show_measurement(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>
     let is_current = view.is_current(measurements.revision);
     let ShownSample { index, noisy } = samples.shown;
     let image = measurement_of(&measurements.value, samples.shown);
-    let version = (measurements.revision, 2 * index + usize::from(noisy));
-    let shown = samples.measurement.show(ui, view.palettes, image, version, !is_current, PointerMode::View);
+    let version = ImageVersion { revision: measurements.revision, index: 2 * index + usize::from(noisy) };
+    let content = ImageContent { values: image, version, is_stale: !is_current };
+    let shown = samples.measurement.show(ui, view.palettes, content, PointerMode::View);
     let value = linked_cursor::update(ui, samples, view, Side::Measurement, &shown, image);
     requests.push(Request::Inspect);
     let bits = information_overlay::draw(ui, samples, view, &shown);

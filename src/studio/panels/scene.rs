@@ -5,7 +5,7 @@ use egui::Ui;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::sensor::Noise;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;

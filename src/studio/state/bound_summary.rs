@@ -9,9 +9,11 @@ use crate::workbench::{FinishedEstimate, LiveEstimate, Revisioned, RunBounds};
 
 /// All bounds of the shown design.
 pub struct BoundSummary<'a> {
+    /// Bounds that need no fit.
     pub bounds: &'a LiveInformation,
     /// Whether the bounds belong to the current revision of the design.
     pub current: bool,
+    /// The live estimate, and whether it belongs to the current revision.
     pub live: Option<(Arc<LiveEstimate>, bool)>,
     /// Bounds of the previewed mask by its run, for the patch of the live numbers.
     pub run: Option<RunBounds>,
@@ -35,6 +37,7 @@ pub struct PatchBracket {
 }
 
 impl<'a> BoundSummary<'a> {
+    /// All bounds of the shown design; `bounds` belong to `revision`.
     pub fn of(view: &View<'_>, bounds: &'a LiveInformation, revision: u64) -> Self {
         // Compared by value: undo may return to an estimated design.
         let design = view.design;
@@ -105,6 +108,7 @@ impl<'a> BoundSummary<'a> {
         self.live.as_ref().filter(|(_, current)| *current).map(|(live, _)| &**live)
     }
 
+    /// Gaussian information, bits per pixel.
     pub fn gaussian(&self) -> f64 {
         self.bounds.gaussian.bits_per_pixel
     }

@@ -1,6 +1,6 @@
 //! State of the dialogs in front of the window.
 
-use crate::studio::state::path_question::PathDialog;
+use crate::studio::state::path_dialog::PathDialog;
 use crate::studio::state::transition::PendingTransition;
 
 /// The state of each dialog.
@@ -56,6 +56,7 @@ pub enum SettingsDialog {
 /// The open command palette.
 #[derive(Default)]
 pub struct ActionPalette {
+    /// The typed words.
     pub query: String,
     /// Index of the marked action in the list.
     pub marked: usize,

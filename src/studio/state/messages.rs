@@ -13,7 +13,9 @@ pub enum Severity {
 
 /// One message.
 pub struct Message {
+    /// Its severity.
     pub severity: Severity,
+    /// Its text, one or more sentences.
     pub text: String,
     /// Time of its first display as a toast, seconds since the start.
     pub seen: Option<f64>,
@@ -22,6 +24,7 @@ pub struct Message {
 /// The message log, of bounded length.
 #[derive(Default)]
 pub struct Messages {
+    /// All messages, oldest first.
     pub entries: Vec<Message>,
     /// The newest failure, until it is [dismissed](Messages::dismiss).
     pub failure: Option<String>,

@@ -2,19 +2,19 @@
 
 pub mod action;
 pub mod bound_summary;
-pub mod comparison;
+pub mod compare;
 pub mod copied_numbers;
 pub mod dialogs;
 pub mod edit_history;
-pub mod estimate_form;
-pub mod image_panels;
+pub mod estimates;
 pub mod locks;
-pub mod mask_panel;
+pub mod mask;
 pub mod messages;
-pub mod optimize_form;
+pub mod mtf_and_map;
+pub mod optimize;
 pub mod pane;
 pub mod panels;
-pub mod path_question;
+pub mod path_dialog;
 pub mod preferences;
 pub mod request;
 pub mod samples;

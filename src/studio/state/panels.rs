@@ -1,10 +1,10 @@
 //! The state of each panel.
 
-use crate::studio::state::comparison::CompareState;
-use crate::studio::state::estimate_form::EstimatesState;
-use crate::studio::state::image_panels::{InformationMapState, MtfState};
-use crate::studio::state::mask_panel::MaskPanelState;
-use crate::studio::state::optimize_form::OptimizeState;
+use crate::studio::state::compare::CompareState;
+use crate::studio::state::estimates::EstimatesState;
+use crate::studio::state::mask::MaskState;
+use crate::studio::state::mtf_and_map::{InformationMapState, MtfState};
+use crate::studio::state::optimize::OptimizeState;
 use crate::studio::state::samples::SamplesState;
 use crate::studio::state::selection::Selection;
 
@@ -14,7 +14,7 @@ pub struct Panels {
     /// The selected lenslets.
     pub selection: Selection,
     /// Mask.
-    pub mask: MaskPanelState,
+    pub mask: MaskState,
     /// Object and Measurement.
     pub samples: SamplesState,
     /// MTF.

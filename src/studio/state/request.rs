@@ -12,7 +12,7 @@ use crate::optics::LensletArray;
 use crate::studio::state::action::Action;
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
-use crate::studio::state::path_question::{PathPurpose, PathQuestion};
+use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
 use crate::studio::state::preferences::RendererChoice;
 use crate::studio::state::transition::Transition;
 use crate::studio::widgets::number_field::Edit;

@@ -3,7 +3,7 @@
 use egui::{ComboBox, Ui};
 
 use crate::information::Estimator;
-use crate::studio::state::estimate_form::FitLengthForm;
+use crate::studio::state::estimates::FitLengthForm;
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 

@@ -5,7 +5,7 @@ use ndarray::ArrayView2;
 
 use crate::studio::canvas::image_view::{ImageView, Shown};
 use crate::studio::canvas::viewport::Viewport;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 
 /// An image as its menu sees it.

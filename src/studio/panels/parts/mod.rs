@@ -9,6 +9,7 @@ pub mod information_overlay;
 pub mod job_progress;
 pub mod lenslet_menu;
 pub mod linked_cursor;
+pub mod mask_drawing;
 pub mod run_results;
 pub mod severity_colour;
 pub mod spectrum_plot;

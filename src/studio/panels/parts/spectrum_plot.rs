@@ -5,7 +5,7 @@ use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line,
 
 use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
-use crate::studio::state::path_question::PathPurpose;
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::samples::ShownSample;
 use crate::studio::state::view::View;

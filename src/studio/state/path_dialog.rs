@@ -63,6 +63,7 @@ pub enum PathPurpose {
 }
 
 impl PathPurpose {
+    /// Heading of the dialog.
     pub fn title(&self) -> String {
         match self {
             Self::OpenDesign => "Open design".into(),
@@ -81,6 +82,7 @@ impl PathPurpose {
         }
     }
 
+    /// What the path names.
     pub fn hint(&self) -> &'static str {
         match self {
             Self::OpenDesign | Self::SaveAs => "A design file (.json)",
@@ -112,6 +114,7 @@ impl PathPurpose {
         }
     }
 
+    /// Label of the button that confirms.
     pub fn action(&self) -> &'static str {
         match self {
             Self::OpenDesign | Self::OpenObjects => "Open",
@@ -123,6 +126,7 @@ impl PathPurpose {
         }
     }
 
+    /// Dialog of the system for such paths.
     pub fn picker(&self) -> Picker {
         match self {
             Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf => Picker::Open,
@@ -185,11 +189,15 @@ fn free_name(folder: &Path) -> PathBuf {
 /// The open question, if any.
 #[derive(Default)]
 pub struct PathDialog {
+    /// The question.
     pub open: Option<PathQuestion>,
 }
 
+/// A question for a path, with its typed answer.
 pub struct PathQuestion {
+    /// Purpose of the path.
     pub purpose: PathPurpose,
+    /// The path as typed.
     pub path: String,
     /// Path from the dialog of the system until the text is edited. It need not be Unicode.
     pub chosen: Option<PathBuf>,

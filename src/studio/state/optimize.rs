@@ -23,8 +23,10 @@ pub enum StartMask {
 }
 
 impl StartMask {
+    /// All of them.
     pub const ALL: [Self; 4] = [Self::Design, Self::Heuristic, Self::Random, Self::RandomStarts];
 
+    /// Its name for display.
     pub fn name(self) -> &'static str {
         match self {
             Self::Design => "This design",
@@ -37,6 +39,7 @@ impl StartMask {
 
 /// State of the Optimize panel: the form of a new run, and the shown checkpoint.
 pub struct OptimizeState {
+    /// The mask that the run starts from.
     pub from: StartMask,
     /// Lenslets of a heuristic start.
     pub heuristic: usize,
@@ -44,6 +47,7 @@ pub struct OptimizeState {
     pub count: usize,
     /// Seed of the first random start and of the run, where it differs from that of the design.
     pub seed: Option<u64>,
+    /// Settings of the run.
     pub settings: IdealSettings,
     /// The objective, if the user chose one.
     pub objective: Option<Objective>,

@@ -8,8 +8,11 @@ use crate::studio::widgets::file_preview::Preview;
 
 /// State of the Estimates panel.
 pub struct EstimatesState {
+    /// The estimator.
     pub kind: Estimator,
+    /// Length of the fit.
     pub length: FitLengthForm,
+    /// Whether whole measurements are estimated in place of patches.
     pub whole_sensor: bool,
     /// Number of fits. The smallest value counts; a bracket has one fit.
     pub trials: usize,
@@ -41,6 +44,7 @@ impl EstimatesState {
         (Estimator::PixelCnn, "PixelCNN", "The published density model"),
     ];
 
+    /// Request of the form.
     pub fn request(&self, engine: EngineChoice) -> EstimateRequest {
         let request = self.request_of(self.length.model(self.kind, engine));
         match self.kind {
@@ -72,8 +76,11 @@ pub struct CameraForm {
     pub path: Option<String>,
     /// Preview of the chosen images.
     pub preview: Preview,
+    /// The estimator.
     pub kind: Estimator,
+    /// Length of the fit.
     pub length: FitLengthForm,
+    /// Calibration of the images.
     pub calibration: Calibration,
 }
 
@@ -107,7 +114,9 @@ pub const OF_IMAGES: [(Estimator, &str); 3] = [
 
 /// Length of a fit, as a number of steps or a time.
 pub struct FitLengthForm {
+    /// Length as a time.
     pub minutes: f64,
+    /// Length as a number of steps.
     pub steps: usize,
     /// Whether the length is a number of steps.
     pub by_steps: bool,

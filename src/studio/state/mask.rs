@@ -7,7 +7,7 @@ use crate::studio::canvas::image_view::ImageView;
 use crate::workbench::Colormap;
 
 /// State of the Mask panel.
-pub struct MaskPanelState {
+pub struct MaskState {
     /// Point spread function under the lenslets.
     pub psf: ImageView,
     /// Whether gradient arrows are shown.
@@ -16,7 +16,7 @@ pub struct MaskPanelState {
     pub drag: Option<MaskDrag>,
 }
 
-impl Default for MaskPanelState {
+impl Default for MaskState {
     fn default() -> Self {
         Self { psf: ImageView::new("PSF", "", Colormap::Viridis), arrows: true, drag: None }
     }
