@@ -46,13 +46,14 @@ fn open_themed(design: Design, size: Vec2, theme: Theme) -> Window {
 }
 
 fn open_window(design: Design, size: Vec2, theme: Theme, live: bool) -> Window {
-    open_drawn_by(LazyRenderer::default(), design, (size, theme), live)
+    open_drawn_by(LazyRenderer::default(), design, size, theme, live)
 }
 
 fn open_drawn_by(
     renderer: impl TestRenderer + 'static,
     design: Design,
-    (size, theme): (Vec2, Theme),
+    size: Vec2,
+    theme: Theme,
     live: bool,
 ) -> Window {
     let builder = Harness::builder().with_size(size).with_theme(theme).with_max_steps(64).renderer(renderer);

@@ -221,8 +221,7 @@ fn random_input_does_not_break_the_window() {
     let minutes = std::env::var("LENSLET_STUDIO_SOAK_MINUTES").ok().and_then(|text| text.parse::<f64>().ok());
     let long = minutes.map(|minutes| Duration::from_secs_f64(60.0 * minutes));
     let mut random = ChaCha8Rng::seed_from_u64(20);
-    let look = (Vec2::new(1280.0, 800.0), Theme::Dark);
-    let mut window = open_drawn_by(Unseen, Design::default(), look, long.is_some());
+    let mut window = open_drawn_by(Unseen, Design::default(), Vec2::new(1280.0, 800.0), Theme::Dark, long.is_some());
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
     let clock = Clock::default();

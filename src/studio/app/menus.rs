@@ -3,10 +3,11 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use ndarray::CowArray;
+use ndarray::{CowArray, Ix2};
 
 use crate::optics::DIFFUSER_APERTURES;
 use crate::studio::app::capture;
+use crate::studio::canvas::image_view::ImageView;
 use crate::studio::dialogs::settings_dialogs;
 use crate::studio::panels::parts::{action_entry, image_menu};
 use crate::studio::state::action::{Action, Preset};
@@ -43,32 +44,53 @@ pub fn file_menu(ui: &mut egui::Ui, panels: &Panels, view: &View<'_>, requests: 
     action_entry::entry(ui, view, requests, Action::Quit);
 }
 
+/// An image that can be exported.
+struct Exportable<'a> {
+    shown: &'a ImageView,
+    revision: u64,
+    /// Shape (rows, cols).
+    values: CowArray<'a, f32, Ix2>,
+}
+
+/// The images of all panels, as far as they are computed.
+fn exportable_images<'a>(panels: &'a Panels, view: &'a View<'_>) -> impl Iterator<Item = Exportable<'a>> {
+    let Live { optics, scene, measurements, .. } = view.live;
+    let sample = panels.samples.shown;
+    let psf = optics.as_ref().map(|optics| Exportable {
+        shown: &panels.mask.psf,
+        revision: optics.revision,
+        values: (&optics.value.image).into(),
+    });
+    let object = scene.as_ref().map(|scene| Exportable {
+        shown: &panels.samples.object,
+        revision: scene.revision,
+        values: object_of(&scene.value, sample.index),
+    });
+    let measurement = measurements.as_ref().map(|measurements| Exportable {
+        shown: &panels.samples.measurement,
+        revision: measurements.revision,
+        values: measurement_of(&measurements.value, sample).into(),
+    });
+    let mtf = optics.as_ref().filter(|_| panels.mtf.mode == MtfMode::Map).map(|optics| Exportable {
+        shown: &panels.mtf.image,
+        revision: optics.revision,
+        values: (&optics.value.mtf.map).into(),
+    });
+    let information = view.estimates.live.as_ref().map(|live| Exportable {
+        shown: &panels.map.image,
+        revision: live.revision,
+        values: panels.map.map_of(&live.value).into(),
+    });
+    [psf, object, measurement, mtf, information].into_iter().flatten()
+}
+
 /// One entry per image that shows the current revision.
 fn export_view_menu(ui: &mut egui::Ui, panels: &Panels, view: &View<'_>, requests: &mut Vec<Request>) {
-    let Live { optics, scene, measurements, .. } = view.live;
-    let map = view.estimates.live.as_ref();
-    let is_map_shown = panels.mtf.mode == MtfMode::Map;
-    let sample = panels.samples.shown;
-    let images = [
-        (&panels.mask.psf, optics.as_ref().map(|optics| (optics.revision, CowArray::from(&optics.value.image)))),
-        (&panels.samples.object, scene.as_ref().map(|scene| (scene.revision, object_of(&scene.value, sample.index)))),
-        (
-            &panels.samples.measurement,
-            measurements.as_ref().map(|known| (known.revision, measurement_of(&known.value, sample).into())),
-        ),
-        (
-            &panels.mtf.image,
-            optics
-                .as_ref()
-                .filter(|_| is_map_shown)
-                .map(|optics| (optics.revision, CowArray::from(&optics.value.mtf.map))),
-        ),
-        (&panels.map.image, map.map(|live| (live.revision, panels.map.map_of(&live.value).into()))),
-    ];
-    for (shown, image) in images {
-        let Some((_, image)) = image.filter(|(revision, _)| view.is_current(*revision)) else { continue };
+    for Exportable { shown, values, .. } in
+        exportable_images(panels, view).filter(|image| view.is_current(image.revision))
+    {
         if ui.button(format!("{}...", shown.name())).clicked() {
-            requests.push(image_menu::export(shown, image.view()));
+            requests.push(image_menu::export(shown, values.view()));
             ui.close();
         }
     }

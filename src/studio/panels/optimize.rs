@@ -68,7 +68,7 @@ fn form(ui: &mut Ui, form: &mut OptimizeState, view: &View<'_>, requests: &mut V
                 field.edit_whole(ui, &mut form.count);
                 let seed = form.seed.unwrap_or(view.open_design.seed);
                 let (field, edit) = NumberField::seed("Seed of the start").prefix("seed ").show(ui, seed as f64);
-                field.on_hover_text("Of the lenslets, the first of several, and of the run");
+                field.on_hover_text("Seed of the lenslets of the first start, and of the run");
                 if let Some(edit) = edit {
                     form.seed = Some(edit.value as u64);
                 }
