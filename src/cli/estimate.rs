@@ -15,7 +15,7 @@ use super::output;
 use super::output::ProgressLine;
 use crate::evaluation::{
     Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, is_about_unwritten_weights, is_checkpoint_file,
+    estimate, is_checkpoint_file,
 };
 use crate::formats::check_writable;
 use crate::forward::Design;
@@ -195,8 +195,7 @@ impl Arguments {
         progress_line.finish();
         let printed =
             if self.json { output::print_json(&result) } else { output::print(&lines_of(&result).join("\n")) };
-        let lost = result.notes.iter().find(|note| is_about_unwritten_weights(note));
-        match (printed, lost) {
+        match (printed, result.unwritten_weights) {
             // The checkpoint stays: the same command can write the weights.
             (Ok(()) | Err(Failure::Closed), Some(lost)) => Err(Failure::Incomplete(anyhow::anyhow!("{lost}"))),
             (Ok(()), None) => {

@@ -10,14 +10,6 @@ use serde_json::{Value, json};
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
 use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
 
-/// Beginning of the note of a trial whose weights could not be written.
-pub(crate) const WEIGHTS_NOT_WRITTEN: &str = "the weights were not written: ";
-
-/// Whether a note of an estimate says that requested weights could not be written.
-pub fn is_about_unwritten_weights(note: &str) -> bool {
-    note.starts_with(WEIGHTS_NOT_WRITTEN)
-}
-
 /// The completed parts of an estimate, in a file if one is named. The state of the running fit lies beside it. Without a file every part
 /// is computed.
 pub(crate) struct EstimateCheckpoint {
@@ -134,7 +126,7 @@ impl EstimateCheckpoint {
         }
         let fit = self.fit(&trial_part(index));
         let trial = compute(keeper(fit.as_ref()))?;
-        self.goes_on &= !trial.notes().iter().any(|note| is_about_unwritten_weights(note));
+        self.goes_on &= trial.unwritten_weights().is_none();
         self.parts.trials.push(trial.clone());
         self.keep(fit);
         Ok(trial)

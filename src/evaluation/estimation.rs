@@ -9,8 +9,8 @@ use serde_json::json;
 use crate::evaluation::bead_bounds::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, scale_budget, with_pretrained_lower_bound,
 };
-use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity, WEIGHTS_NOT_WRITTEN};
-use crate::evaluation::patch_source::PatchSource;
+use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
+use crate::evaluation::patch_source::{PatchRole, PatchSource};
 use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step};
 use crate::evaluation::request::{DensityModel, EstimateRequest, WeightsFiles};
 use crate::evaluation::scene::{EvaluationError, ceiling_of};
@@ -263,10 +263,10 @@ fn fitted(
         train,
         request.patches_train,
         SeedStream::TrainingPatches.derive(seed),
-        "Training patches",
+        PatchRole::Training,
         progress,
     )?;
-    let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
+    let (clean, test) = source.draw(test, request.patches_test, source.test_seed(seed), PatchRole::Test, progress)?;
     report_step(progress, "Fitting", 0, 1)?;
     Ok(gaussian_estimate(&GaussianRequest {
         train: train.view(),
@@ -294,12 +294,12 @@ fn network(
             train,
             request.patches_train,
             SeedStream::TrainingPatches.derive(seed),
-            "Training patches",
+            PatchRole::Training,
             progress,
         )?),
     };
     let (test_clean, test) =
-        source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
+        source.draw(test, request.patches_test, source.test_seed(seed), PatchRole::Test, progress)?;
     let network = PixelCnnRequest {
         train: training.as_ref().map_or(test.view(), |(_, noisy)| noisy.view()),
         train_clean: training.as_ref().map(|(clean, _)| clean.view()),
@@ -332,7 +332,7 @@ pub(crate) fn network_trial(
         && smallest.is_none_or(|smallest| trial.bits_per_pixel() < smallest)
         && let Err(error) = fitted.save(file)
     {
-        return Ok(trial.with_note(format!("{WEIGHTS_NOT_WRITTEN}{error}")));
+        return Ok(trial.with_unwritten_weights(error));
     }
     Ok(trial)
 }
@@ -347,7 +347,7 @@ fn causal(
     let (train, (_, test)) = (source.forward.set.fitting_parts().0, source.splits());
     let (stream, validation) =
         source.forward.fitting(source.convolver, source.patch, SeedStream::CausalFit.derive(seed))?;
-    let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), "Test patches", progress)?;
+    let (clean, noisy) = source.draw(test, request.patches_test, source.test_seed(seed), PatchRole::Test, progress)?;
     let (design, patch) = (source.design, source.patch);
     let fit = CausalRequest {
         stream: &stream,
@@ -385,7 +385,7 @@ fn analytic(
     let (design, patch) = (source.design, source.patch);
     // The covariance is that of all images, and so must be the noise: nothing is fitted.
     let (patches, test_seed) = (request.patches_test, source.test_seed(seed));
-    let (clean, _) = source.draw(Split::All, patches, test_seed, "Test patches", progress)?;
+    let (clean, _) = source.draw(Split::All, patches, test_seed, PatchRole::Test, progress)?;
     report_step(progress, "Bounding", 0, 1)?;
     let per_patch = NoiseEntropy::new(design.noise, request.protocol)?.patch_bits(clean.view())?;
     let entropy_y_given_x = per_patch.iter().sum::<f64>() / per_patch.len().max(1) as f64;

@@ -13,7 +13,7 @@ pub(crate) mod scene;
 
 pub use bead_bounds::pretrained_lower_bound;
 pub use calibration::Calibration;
-pub use checkpoint::{is_about_unwritten_weights, is_checkpoint_file};
+pub use checkpoint::is_checkpoint_file;
 pub use estimation::estimate;
 pub use measured::{MeasuredImages, MeasuredOrder, MeasuredSource};
 pub use measured_error::MeasuredError;

@@ -121,14 +121,13 @@ impl<'a> PatchSource<'a> {
         split: Split,
         count: usize,
         seed: u64,
-        step: &str,
+        role: PatchRole,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Array3<f32>, Array3<f32>), EvaluationError> {
         let (rows, cols) = self.patch;
         let pixels = rows * cols;
         if count == 0 {
-            let model = step_model(step);
-            return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
+            return Err(InformationError::TooFewPatches { model: role.user(), needed: 1, found: 0, pixels }.into());
         }
         let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
         if count > most {
@@ -136,7 +135,7 @@ impl<'a> PatchSource<'a> {
         }
         let mut clean = Array3::zeros((count, rows, cols));
         for (index, mut part) in clean.axis_chunks_iter_mut(Axis(0), self.forward.set.batch()).enumerate() {
-            report_step(progress, step, index * self.forward.set.batch(), count)?;
+            report_step(progress, role.name(), index * self.forward.set.batch(), count)?;
             let batch = self.part(split, index, seed);
             let objects = self.forward.set.objects_from(split, batch.first, part.len_of(Axis(0)), batch.object_seed)?;
             let encoded = self.convolver.measure(objects.view(), self.design.bias_photons)?;
@@ -159,9 +158,31 @@ struct Batch {
     place_seed: u64,
 }
 
-/// Purpose of the patches of a step, for messages.
-fn step_model(step: &str) -> &'static str {
-    if step.starts_with("Train") { "the fit" } else { "the test" }
+/// Purpose of patches that are drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum PatchRole {
+    /// A model is fitted to them.
+    Training,
+    /// A model is scored on them.
+    Test,
+}
+
+impl PatchRole {
+    /// Name of the step that draws them.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Training => "Training patches",
+            Self::Test => "Test patches",
+        }
+    }
+
+    /// What they are for, in messages.
+    fn user(self) -> &'static str {
+        match self {
+            Self::Training => "the fit",
+            Self::Test => "the test",
+        }
+    }
 }
 
 #[cfg(test)]
@@ -193,7 +214,7 @@ mod tests {
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
             let source = PatchSource::new(design, &forward, &convolver, (patch, protocol));
             let count = 2 * set.batch() + 7;
-            let (clean, _) = source.draw(Split::Test, count, 3, "Test patches", &mut CancelToken::new()).unwrap();
+            let (clean, _) = source.draw(Split::Test, count, 3, PatchRole::Test, &mut CancelToken::new()).unwrap();
             let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();
             assert_eq!((shared.shares().len(), shared.pictures()), (count, 10));
             for (patch, shares) in clean.outer_iter().zip(shared.shares()) {

@@ -108,6 +108,9 @@ pub struct Estimate {
     pub encoder: String,
     /// Notes for the reader.
     pub notes: Vec<String>,
+    /// The note on requested weights that could not be written; none in an estimate that was read from a file.
+    #[serde(skip)]
+    pub unwritten_weights: Option<String>,
     /// Prevents construction outside this module.
     #[serde(skip)]
     sealed: Sealed,
@@ -173,6 +176,7 @@ impl Estimate {
             objects_fingerprint,
             encoder,
             notes,
+            unwritten_weights: best.unwritten_weights().map(Into::into),
             sealed: Sealed,
         })
     }

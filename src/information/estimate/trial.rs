@@ -42,6 +42,9 @@ pub struct Trial {
     seconds: f64,
     engine: Option<EngineChoice>,
     notes: Vec<String>,
+    /// Note on requested weights that could not be written.
+    #[serde(skip)]
+    unwritten_weights: Option<String>,
 }
 
 /// Number of images below which a clustered interval is uncertain.
@@ -118,6 +121,7 @@ impl Trial {
             seconds,
             engine,
             notes,
+            unwritten_weights: None,
         })
     }
 
@@ -147,6 +151,18 @@ impl Trial {
     pub fn with_note(mut self, note: String) -> Self {
         self.notes.push(note);
         self
+    }
+
+    /// The trial with a note that its requested weights could not be written.
+    #[must_use]
+    pub fn with_unwritten_weights(self, error: impl std::fmt::Display) -> Self {
+        let note = format!("the weights were not written: {error}");
+        Self { unwritten_weights: Some(note.clone()), ..self }.with_note(note)
+    }
+
+    /// The note on requested weights that could not be written; none in a trial that was read from a file.
+    pub fn unwritten_weights(&self) -> Option<&str> {
+        self.unwritten_weights.as_deref()
     }
 
     /// The trial with its compute backend.

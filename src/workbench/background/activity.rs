@@ -128,7 +128,7 @@ pub(crate) struct Activities(Arc<Mutex<List>>);
 
 impl Activities {
     /// Adds an activity that waits.
-    pub fn add(&self, kind: ActivityKind, name: impl Into<String>) -> Entry {
+    pub fn add(&self, kind: ActivityKind, name: impl Into<String>) -> ActivityHandle {
         let mut list = lock(&self.0);
         list.last += 1;
         let number = list.last;
@@ -151,7 +151,7 @@ impl Activities {
             paused: None,
             took: None,
         }));
-        Entry { list: self.clone(), number }
+        ActivityHandle { list: self.clone(), number }
     }
 
     /// All that are kept, oldest first.
@@ -182,12 +182,12 @@ impl Activities {
 }
 
 /// Handle of an activity for its reports. Dropping it without an end means that the activity was stopped.
-pub(crate) struct Entry {
+pub(crate) struct ActivityHandle {
     list: Activities,
     number: u64,
 }
 
-impl Entry {
+impl ActivityHandle {
     /// Number of the activity in the list.
     pub fn number(&self) -> u64 {
         self.number
@@ -203,22 +203,26 @@ impl Entry {
 
     /// Marks the activity as paused or running.
     pub fn pause(&self, pause: bool) {
+        self.pause_at(Instant::now(), pause);
+    }
+
+    fn pause_at(&self, now: Instant, pause: bool) {
         self.list.change(self.number, |activity| {
             if !activity.is_open() {
                 return;
             }
             activity.state = if pause { ActivityState::Paused } else { ActivityState::Running };
             if pause {
-                activity.paused.get_or_insert_with(Instant::now);
+                activity.paused.get_or_insert(now);
             } else if let (Some(since), Some((began, _))) = (activity.paused.take(), &mut activity.step_began) {
                 // A pause does not count for the pace.
-                *began += since.elapsed();
+                *began += now.duration_since(since);
             }
         });
     }
 
     /// Reports the current step, its share that is done, and the remaining time.
-    pub fn tell(&self, step: &str, share: Option<f64>, left: Option<Duration>) {
+    pub fn report(&self, step: &str, share: Option<f64>, left: Option<Duration>) {
         self.list.change(self.number, |activity| {
             activity.note(step);
             let share = share.map(|share| share.clamp(0.0, 1.0));
@@ -243,7 +247,7 @@ impl Entry {
     }
 }
 
-impl Drop for Entry {
+impl Drop for ActivityHandle {
     fn drop(&mut self) {
         self.list.change(self.number, |activity| {
             if activity.is_open() {
@@ -264,7 +268,7 @@ mod tests {
         assert_eq!(list.all()[0].state, ActivityState::Waiting);
         entry.begin();
         for (step, share) in [("Reading objects", 0.0), ("Fitting, 9 s left", 0.1), ("Fitting, 1 s left", 1.7)] {
-            entry.tell(step, Some(share), Some(Duration::from_secs(1)));
+            entry.report(step, Some(share), Some(Duration::from_secs(1)));
         }
         let now = &list.all()[0];
         assert!(now.can_stop() && now.share == Some(1.0) && now.left.is_some());
@@ -286,20 +290,17 @@ mod tests {
         let list = Activities::default();
         let entry = list.add(ActivityKind::Run, "Run");
         entry.begin();
-        entry.tell("Step 0", Some(0.0), None);
+        entry.report("Step 0", Some(0.0), None);
         let began = || list.all()[0].step_began.unwrap().0;
         let before = began();
-        for _ in 0..2 {
-            entry.pause(true);
+        let (start, pause) = (Instant::now(), Duration::from_secs(20));
+        for since in [start, start + pause / 2] {
+            entry.pause_at(since, true);
         }
-        let pause = Duration::from_millis(20);
-        std::thread::sleep(pause);
-        entry.pause(false);
-        assert!(began() >= before + pause);
-        entry.pause(false);
-        let after = began();
-        entry.pause(false);
-        assert_eq!(began(), after, "it was over");
+        entry.pause_at(start + pause, false);
+        assert_eq!(began(), before + pause);
+        entry.pause_at(start + 2 * pause, false);
+        assert_eq!(began(), before + pause, "it was over");
     }
 
     #[test]

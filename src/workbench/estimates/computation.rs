@@ -9,7 +9,7 @@ use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::request::EstimateRequest;
 use crate::information::Estimate;
 use crate::progress::{CancelToken, Progress};
-use crate::workbench::background::activity::Entry;
+use crate::workbench::background::activity::ActivityHandle;
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::{EstimateAnswer, EstimateQueue, EstimateTask, FolderContents, LiveRequest};
@@ -74,7 +74,7 @@ fn write_waiting(mailbox: &Mailbox<EstimateQueue>) {
 /// Computes an order, and keeps its checkpoint and its result in the folder.
 fn run_order(
     order: &EstimateOrder,
-    entry: &Entry,
+    entry: &ActivityHandle,
     cancel: &CancelToken,
     mailbox: &Mailbox<EstimateQueue>,
 ) -> EstimateAnswer {
@@ -114,7 +114,7 @@ fn run_order(
 /// Receives the progress of an order, and passes it on from time to time.
 fn reporter<'a>(
     order: &'a EstimateOrder,
-    entry: &'a Entry,
+    entry: &'a ActivityHandle,
     cancel: &'a CancelToken,
     mailbox: &'a Mailbox<EstimateQueue>,
 ) -> impl FnMut(&EstimateProgress) -> ControlFlow<()> + Send + 'a {
@@ -125,7 +125,7 @@ fn reporter<'a>(
             reported = Instant::now();
             write_waiting(mailbox);
             let share = progress.done as f64 / progress.total.max(1) as f64;
-            entry.tell(&progress.step, Some(share), order.request.time_left(began.elapsed(), share));
+            entry.report(&progress.step, Some(share), order.request.time_left(began.elapsed(), share));
             mailbox.publish(|queue| queue.report(progress));
         }
         cancel.check()

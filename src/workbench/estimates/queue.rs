@@ -10,7 +10,7 @@ use crate::evaluation::progress::{EstimateProgress, FitPoint, thin_out};
 use crate::evaluation::request::DensityModel;
 use crate::evaluation::scene::Scene;
 use crate::progress::CancelToken;
-use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate, InterruptedOrder};
 use crate::workbench::live::estimate::LiveEstimate;
@@ -78,7 +78,7 @@ pub(crate) enum EstimateTask {
     /// Reads a folder.
     Read(PathBuf),
     /// Computes an order.
-    Order(Box<EstimateOrder>, Entry),
+    Order(Box<EstimateOrder>, ActivityHandle),
     /// Writes the waiting orders, because their file is out of date.
     WriteWaiting,
     /// Refines the live estimate of a design.
@@ -114,7 +114,7 @@ pub(crate) struct EstimateQueue {
     folder_to_read: Option<PathBuf>,
     live: Option<LiveRequest>,
     /// Waiting orders, oldest first.
-    orders: VecDeque<(EstimateOrder, Entry)>,
+    orders: VecDeque<(EstimateOrder, ActivityHandle)>,
     /// Whether the waiting orders differ from those in their file.
     is_changed: bool,
     /// Newest known revision; a live estimate of an older one is given up.

@@ -11,7 +11,7 @@ use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::ReadProgress;
 use crate::progress::CancelToken;
 use crate::sensor::{Convolution, Noise};
-use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::queue::{EstimateQueue, LiveRequest};
 use crate::workbench::jobs::job::{Job, Outcome, first_measurement};
@@ -19,8 +19,8 @@ use crate::workbench::jobs::queue::{JobQueue, WorkerAnswer, WorkerTask};
 use crate::workbench::live::published::{Live, Revisioned, Wanted};
 
 /// Reports the progress of reading objects.
-fn report(entry: &Entry, progress: &ReadProgress) {
-    entry.tell(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
+fn report(entry: &ActivityHandle, progress: &ReadProgress) {
+    entry.report(&progress.to_string(), Some(progress.done as f64 / progress.total.max(1) as f64), None);
 }
 
 /// PSF of a design for objects of so many planes.
@@ -192,7 +192,7 @@ impl Evaluator {
         Ok(scene)
     }
 
-    fn run_job(&mut self, job: &Job, entry: &Entry, context: Context<'_>) -> WorkerAnswer {
+    fn run_job(&mut self, job: &Job, entry: &ActivityHandle, context: Context<'_>) -> WorkerAnswer {
         match job {
             // The only job with a result for evaluations: the objects, if they can be opened.
             Job::OpenObjects { design, document } => {
@@ -215,7 +215,7 @@ impl Evaluator {
         &mut self,
         design: &Design,
         document: u64,
-        entry: &Entry,
+        entry: &ActivityHandle,
         context: Context<'_>,
     ) -> Result<Outcome, String> {
         let shown = |queue: &JobQueue| queue.live().optics.as_ref().map_or(0, |optics| optics.revision);
@@ -248,7 +248,7 @@ impl Evaluator {
 /// to an edit, whose numbers do not wait for it.
 fn other_scene(
     design: &Design,
-    entry: &Entry,
+    entry: &ActivityHandle,
     Context { cancel, mailbox }: Context<'_>,
 ) -> Option<Result<Arc<Scene>, String>> {
     let has_given_way = Cell::new(false);

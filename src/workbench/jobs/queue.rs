@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::forward::Design;
 use crate::progress::CancelToken;
-use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::live::inspection::{InspectionRequest, SampleInspection};
@@ -21,7 +21,7 @@ pub(crate) enum WorkerTask {
     /// Evaluates a design.
     Evaluate(Wanted),
     /// Runs a job.
-    Job(Job, Entry),
+    Job(Job, ActivityHandle),
     /// Inspects a measurement.
     Inspect(InspectionRequest),
 }
@@ -49,7 +49,7 @@ enum Running {
 pub(crate) struct JobQueue {
     activities: Activities,
     evaluation: Option<Wanted>,
-    jobs: VecDeque<(Job, Entry)>,
+    jobs: VecDeque<(Job, ActivityHandle)>,
     inspection: Option<InspectionRequest>,
     /// Whether a waiting job comes before a waiting evaluation: they take turns.
     job_is_due: bool,
@@ -233,7 +233,7 @@ impl Queue for JobQueue {
 
 impl JobQueue {
     /// Answers a job and ends its activity.
-    fn answer(&mut self, entry: Entry, answer: Result<Outcome, String>) {
+    fn answer(&mut self, entry: ActivityHandle, answer: Result<Outcome, String>) {
         let summary = answer.as_ref().map(Outcome::sentence).map_err(Clone::clone);
         self.outcomes.push(answer);
         entry.end(summary);

@@ -285,7 +285,7 @@ impl RunContext<'_> {
     }
 
     fn report(&self, step: &str, share: f64, left: Option<Duration>) {
-        self.mailbox.look(|slot| slot.entry().map(|entry| entry.tell(step, Some(share), left)));
+        self.mailbox.look(|slot| slot.entry().map(|entry| entry.report(step, Some(share), left)));
     }
 
     fn publish(&self, progress: &IdealProgress<'_>, settings: &IdealSettings) {

@@ -7,7 +7,7 @@ use crate::evaluation::EvaluationError;
 use crate::optics::LensletArray;
 use crate::progress::CancelToken;
 use crate::studies::StudyError;
-use crate::workbench::background::activity::{Activities, ActivityKind, Entry};
+use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::runs::design_run::{DesignRun, RunStatus, Start};
 use crate::workbench::runs::record::IdealRecord;
@@ -53,7 +53,7 @@ struct Running {
 pub(super) struct RunSlot {
     activities: Activities,
     /// The run's place among them while it is active.
-    entry: Option<Entry>,
+    entry: Option<ActivityHandle>,
     pub run: Option<DesignRun>,
     /// All starts of the queue.
     pub starts: Vec<Start>,
@@ -143,7 +143,7 @@ impl RunSlot {
     }
 
     /// The activity of the run.
-    pub fn entry(&self) -> Option<&Entry> {
+    pub fn entry(&self) -> Option<&ActivityHandle> {
         self.entry.as_ref()
     }
 
@@ -251,5 +251,89 @@ impl Queue for RunSlot {
 
     fn close(&mut self) {
         self.waiting = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::design::{Objective, Preset};
+    use crate::forward::Design;
+    use crate::information::InformationError;
+    use crate::workbench::background::activity::ActivityState;
+
+    fn slot() -> (RunSlot, Activities) {
+        let activities = Activities::default();
+        (RunSlot::new(activities.clone()), activities)
+    }
+
+    fn optimize(slot: &mut RunSlot) -> Result<(), String> {
+        let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
+        let run = DesignRun::new(&Arc::new(Design::default()), settings.clone(), 1);
+        slot.begin(run, "Optimize".into(), RunWork::Optimize(settings))
+    }
+
+    fn stop_of(task: &RunTask) -> &CancelToken {
+        let RunTask::Work { stop, .. } = task else { panic!("no work") };
+        stop
+    }
+
+    #[test]
+    fn stop_ends_the_optimizer_and_then_the_score() {
+        let (mut slot, activities) = slot();
+        optimize(&mut slot).unwrap();
+        assert_eq!(optimize(&mut slot).unwrap_err(), BUSY);
+        let cancel = CancelToken::new();
+        let task = slot.next(&cancel).unwrap();
+        slot.stop();
+        assert!(stop_of(&task).is_cancelled() && !cancel.is_cancelled());
+        slot.run.as_mut().unwrap().is_scoring = true;
+        slot.stop();
+        assert!(cancel.is_cancelled());
+        slot.end(task, Ok(RunAnswer::Optimized(Err(InformationError::Cancelled.into()))));
+        let run = slot.run.as_ref().unwrap();
+        assert!(run.status == RunStatus::Stopped && !run.is_scoring && slot.entry().is_none());
+        assert_eq!(activities.all()[0].state, ActivityState::Stopped);
+        assert!(slot.next(&CancelToken::new()).is_none());
+    }
+
+    #[test]
+    fn work_that_is_stopped_before_it_begins_ends_at_once() {
+        let (mut slot, _) = slot();
+        slot.stop();
+        optimize(&mut slot).unwrap();
+        let task = slot.next(&CancelToken::new()).unwrap();
+        assert!(!stop_of(&task).is_cancelled(), "the stop was of an earlier run");
+        slot.end(task, Ok(RunAnswer::Optimized(Ok(()))));
+        optimize(&mut slot).unwrap();
+        slot.pause(true);
+        slot.stop();
+        assert!(!slot.is_paused());
+        assert!(stop_of(&slot.next(&CancelToken::new()).unwrap()).is_cancelled());
+    }
+
+    #[test]
+    fn comparison_restores_the_status_and_its_failure_is_kept() {
+        for (result, failure) in [
+            (Ok(RunAnswer::Compared(Ok("+0.1 bits per pixel".into()))), None),
+            (Ok(RunAnswer::Compared(Err(StudyError::Cancelled))), None),
+            (Err("no light".to_owned()), Some("no light")),
+        ] {
+            let (mut slot, _) = slot();
+            optimize(&mut slot).unwrap();
+            let task = slot.next(&CancelToken::new()).unwrap();
+            slot.end(task, Ok(RunAnswer::Optimized(Ok(()))));
+            let run = DesignRun { status: RunStatus::Running, is_scoring: true, ..slot.run.clone().unwrap() };
+            let text = include_str!("../../../tests/data/golden/run-v1-density.json");
+            let record: Arc<IdealRecord> = Arc::new(serde_json::from_str(text).unwrap());
+            slot.begin(run, "Compare".into(), RunWork::Compare { record, before: RunStatus::Finished }).unwrap();
+            let cancel = CancelToken::new();
+            let task = slot.next(&cancel).unwrap();
+            slot.stop();
+            assert!(cancel.is_cancelled());
+            slot.end(task, result);
+            let run = slot.run.as_ref().unwrap();
+            assert_eq!((&run.status, run.comparison_failure.as_deref()), (&RunStatus::Finished, failure));
+        }
     }
 }
