@@ -86,7 +86,7 @@ impl Encoder {
             Self::Diffuser(diffuser) => {
                 format!("diffuser, aperture {} px, seed {}", diffuser.aperture_px, diffuser.seed)
             }
-            Self::Image(image) => format!("PSF picture {}", image.origin),
+            Self::Image(image) => format!("PSF image {}", image.origin),
         }
     }
 }
