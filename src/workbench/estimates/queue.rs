@@ -10,7 +10,7 @@ use crate::evaluation::progress::{EstimateProgress, FitPoint, thin_out};
 use crate::evaluation::request::DensityModel;
 use crate::evaluation::scene::Scene;
 use crate::progress::CancelToken;
-use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
+use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate, InterruptedOrder};
 use crate::workbench::live::estimate::LiveEstimate;
@@ -107,6 +107,15 @@ enum Running {
     Live { revision: u64, is_published: bool, cancel: CancelToken },
 }
 
+/// Whether live estimates are computed.
+#[derive(Clone, Copy)]
+struct LiveSwitch {
+    /// As the person chose.
+    is_on: bool,
+    /// Whether they are paused for something else.
+    is_held: bool,
+}
+
 /// Waiting, running and finished estimates.
 pub(crate) struct EstimateQueue {
     activities: Activities,
@@ -119,9 +128,7 @@ pub(crate) struct EstimateQueue {
     is_changed: bool,
     /// Newest known revision; a live estimate of an older one is given up.
     newest: u64,
-    is_live: bool,
-    /// Whether live estimates are paused for something else.
-    is_held: bool,
+    switch: LiveSwitch,
     is_closed: bool,
     running: Option<Running>,
     /// Folder in which finished, running and waiting orders outlive the program.
@@ -139,8 +146,7 @@ impl EstimateQueue {
             orders: VecDeque::new(),
             is_changed: false,
             newest: 0,
-            is_live: true,
-            is_held: false,
+            switch: LiveSwitch { is_on: true, is_held: false },
             is_closed: false,
             running: None,
             folder: None,
@@ -207,12 +213,12 @@ impl EstimateQueue {
 
     /// Whether live estimates are switched on.
     pub fn is_live(&self) -> bool {
-        self.is_live
+        self.switch.is_on
     }
 
     /// Switches live estimates on or off.
     pub fn set_live(&mut self, live: bool) {
-        self.is_live = live;
+        self.switch.is_on = live;
         if !live {
             self.interrupt_live();
         }
@@ -220,12 +226,12 @@ impl EstimateQueue {
 
     /// Whether live estimates are paused.
     pub fn is_held(&self) -> bool {
-        self.is_held
+        self.switch.is_held
     }
 
     /// Pauses live estimates while something more important computes.
     pub fn hold(&mut self, hold: bool) {
-        self.is_held = hold;
+        self.switch.is_held = hold;
         if hold {
             self.interrupt_live();
         }
@@ -381,7 +387,7 @@ impl Queue for EstimateQueue {
         if self.is_out_of_date() {
             return Some(EstimateTask::WriteWaiting);
         }
-        if !self.is_live || self.is_held {
+        if !self.switch.is_on || self.switch.is_held {
             return None;
         }
         let request = self.live.take().filter(|request| request.wanted.revision >= self.newest)?;

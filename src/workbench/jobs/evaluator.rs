@@ -11,7 +11,7 @@ use crate::information::{NoiseEntropy, Protocol};
 use crate::objects::ReadProgress;
 use crate::progress::CancelToken;
 use crate::sensor::{Convolution, Noise};
-use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
+use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::queue::{EstimateQueue, LiveRequest};
 use crate::workbench::jobs::job::{Job, Outcome, first_measurement};

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::forward::Design;
 use crate::progress::CancelToken;
-use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
+use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::live::inspection::{InspectionRequest, SampleInspection};

@@ -156,7 +156,7 @@ impl RunThread {
         let settings = run.settings.clone();
         let starts = run.start_number.1;
         let from = if starts > 1 { format!("{starts} starts") } else { run.start.encoder.describe() };
-        self.begin(run, format!("Optimize {from}"), RunWork::Optimize(settings))
+        self.begin(run, format!("Optimize {from}"), RunWork::Optimize(Box::new(settings)))
     }
 
     fn begin(&self, run: DesignRun, name: String, work: RunWork) -> Result<(), String> {

@@ -7,7 +7,7 @@ use crate::evaluation::EvaluationError;
 use crate::optics::LensletArray;
 use crate::progress::CancelToken;
 use crate::studies::StudyError;
-use crate::workbench::background::activity::{Activities, ActivityKind, ActivityHandle};
+use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::runs::design_run::{DesignRun, RunStatus, Start};
 use crate::workbench::runs::record::IdealRecord;
@@ -19,7 +19,7 @@ const BUSY: &str = "a run is active; stop it first";
 /// Work on a run.
 pub(super) enum RunWork {
     /// Runs the current start and those after it, and scores their results.
-    Optimize(IdealSettings),
+    Optimize(Box<IdealSettings>),
     /// Compares the best result with others. The run has its earlier status afterwards.
     Compare { record: Arc<IdealRecord>, before: RunStatus },
 }
@@ -270,7 +270,7 @@ mod tests {
     fn optimize(slot: &mut RunSlot) -> Result<(), String> {
         let settings = IdealSettings::new(Preset::Default, Objective::Density, 1);
         let run = DesignRun::new(&Arc::new(Design::default()), settings.clone(), 1);
-        slot.begin(run, "Optimize".into(), RunWork::Optimize(settings))
+        slot.begin(run, "Optimize".into(), RunWork::Optimize(Box::new(settings)))
     }
 
     fn stop_of(task: &RunTask) -> &CancelToken {

@@ -21,8 +21,8 @@ fn finished() -> Box<FinishedEstimate> {
     Box::new(FinishedEstimate::new(order(), Estimate::from_json(text).unwrap(), Vec::new()))
 }
 
-fn cancelled() -> Result<EstimateAnswer, String> {
-    Ok(EstimateAnswer::Live(Err(InformationError::Cancelled.into())))
+fn cancelled() -> EstimateAnswer {
+    EstimateAnswer::Live(Err(InformationError::Cancelled.into()))
 }
 
 /// A queue, its activities, and the task that runs.
@@ -70,7 +70,7 @@ fn orders_are_first_come_first_served_and_live_estimate_resumes_between_them() {
         fixture.queue.order(order()).unwrap();
     }
     assert!(fixture.cancel.is_cancelled());
-    fixture.end(cancelled());
+    fixture.end(Ok(cancelled()));
     assert_eq!(fixture.begin(), Some(("order", 1)));
     assert_eq!(fixture.states(), [ActivityState::Running, ActivityState::Waiting]);
     assert_eq!(fixture.queue.estimates().running.as_ref().unwrap().number, 1);
@@ -103,7 +103,7 @@ fn superseded_live_estimate_still_gives_its_first_number() {
     assert!(!fixture.cancel.is_cancelled());
     fixture.queue.note_published();
     assert!(fixture.cancel.is_cancelled());
-    fixture.end(cancelled());
+    fixture.end(Ok(cancelled()));
     assert_eq!(fixture.begin(), None, "it is of an older design");
     fixture.queue.refine(live_request(2));
     assert_eq!(fixture.begin(), Some(("live", 2)));
@@ -111,7 +111,7 @@ fn superseded_live_estimate_still_gives_its_first_number() {
     assert!(!fixture.cancel.is_cancelled());
     fixture.queue.refine(live_request(3));
     assert!(fixture.cancel.is_cancelled());
-    fixture.end(cancelled());
+    fixture.end(Ok(cancelled()));
     assert_eq!(fixture.begin(), Some(("live", 3)));
     fixture.end(Ok(EstimateAnswer::Live(Err(InformationError::Empty.into()))));
     let failure = fixture.queue.estimates().live_failure.clone().unwrap();
@@ -130,7 +130,7 @@ fn live_estimate_waits_while_it_is_held_or_off_and_orders_do_not() {
         assert_eq!(fixture.begin(), Some(("live", 1)));
         set(&mut fixture.queue, false);
         assert!(fixture.cancel.is_cancelled());
-        fixture.end(cancelled());
+        fixture.end(Ok(cancelled()));
         assert_eq!(fixture.begin(), None);
         fixture.queue.order(order()).unwrap();
         assert_eq!(fixture.begin(), Some(("order", 1)));

@@ -79,8 +79,8 @@ impl Fixture {
     }
 }
 
-fn cancelled() -> Result<WorkerAnswer, String> {
-    Ok(WorkerAnswer::Evaluated(Err(InformationError::Cancelled.into())))
+fn cancelled() -> WorkerAnswer {
+    WorkerAnswer::Evaluated(Err(InformationError::Cancelled.into()))
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn edits_cancel_inspections_and_evaluations_of_other_objects_only() {
     assert!(!fixture.cancel.is_cancelled());
     fixture.queue.evaluate(wanted(3, "b"));
     assert!(fixture.cancel.is_cancelled());
-    fixture.end(cancelled());
+    fixture.end(Ok(cancelled()));
     assert!(fixture.queue.live().failure.is_none(), "a newer design waits");
     fixture.queue.submit(save(1));
     assert_eq!(fixture.pass(), Some(("job", 1)));
@@ -143,7 +143,7 @@ fn reading_that_a_person_stopped_is_not_started_again_by_a_waiting_edit() {
     fixture.queue.evaluate(wanted(2, "a"));
     fixture.queue.cancel();
     assert!(fixture.cancel.is_cancelled());
-    fixture.end(cancelled());
+    fixture.end(Ok(cancelled()));
     assert_eq!(fixture.queue.live().failure.as_ref().unwrap().0, 2);
     assert_eq!(fixture.begin(), None);
 }
