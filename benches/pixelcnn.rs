@@ -7,7 +7,9 @@ mod training;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
-use lenslet_studio::information::{BurnDevice, EngineChoice, PixelCnnFit, PixelCnnShape, TrainingPatches};
+use lenslet_studio::information::{
+    BurnDevice, EngineChoice, PixelCnnContext, PixelCnnFit, PixelCnnShape, TrainingPatches,
+};
 use ndarray::Array3;
 use training::{Gradients, products_alone, training_time};
 
@@ -31,7 +33,7 @@ fn time_of_steps(patches: &Array3<f32>, engine: EngineChoice, steps: u64) -> Dur
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     training_time(steps, |progress| {
         let fit = PixelCnnFit { engine, steps_per_epoch: 1 << 20, ..PixelCnnFit::paper(1) };
-        let fit = fit.fit(PixelCnnShape::default(), 1.0, training, None, progress);
+        let fit = fit.fit(PixelCnnShape::default(), 1.0, &PixelCnnContext::new(training), progress);
         assert!(fit.is_err(), "stopped before the first epoch ends");
     })
 }

@@ -4,6 +4,7 @@ mod common;
 
 use common::known_truths::{GaussianField, KnownTruth, OneBead, TwoRates};
 use common::stream::StudyStream;
+use lenslet_studio::information::PixelCnnContext;
 use lenslet_studio::information::{
     CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, Init, NoiseEntropy, PatchBatch,
     PixelCnnFit, PixelCnnShape, Protocol, StationaryGaussian, TrainingPatches, bootstrap_interval, causal_estimate,
@@ -59,7 +60,7 @@ fn small_network(sample: &Sample) -> Found {
     let shape = PixelCnnShape::new(16, 8, vec![1, 2]).unwrap();
     let patches =
         TrainingPatches { noisy: sample.train.view(), clean: Some((sample.train_clean.view(), sample.noise)) };
-    let (model, _) = fit.fit(shape, 1.0, patches, None, &mut CancelToken::new()).unwrap();
+    let (model, _) = fit.fit(shape, 1.0, &PixelCnnContext::new(patches), &mut CancelToken::new()).unwrap();
     let test = if dequantise { dequantised(&sample.test, 5) } else { sample.test.clone() };
     let test = test.slice(s![..300, .., ..]);
     let cross_entropy = model.cross_entropy_bits(test).unwrap();

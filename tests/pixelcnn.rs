@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use lenslet_studio::formats::read_npz_f64;
-use lenslet_studio::information::FitProgress;
 use lenslet_studio::information::{
     BurnDevice, DataScale, EngineChoice, InformationError, PixelCnn, PixelCnnFit, PixelCnnRequest, PixelCnnShape,
     Protocol, TrainingPatches, Trial, gaussian_entropy, pixelcnn_estimate, poisson_entropy,
 };
+use lenslet_studio::information::{FitProgress, PixelCnnContext};
 use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sensor::Noise;
 use ndarray::{Array3, ArrayD, Axis, s};
@@ -110,7 +110,7 @@ fn threads_do_not_change_a_bit() {
         let fit = PixelCnnFit { seed, ..fit.clone() };
         let training = TrainingPatches { noisy: patches.view(), clean: None };
         let shape = PixelCnnShape::new(16, 5, vec![1, 2]).unwrap();
-        let fitted = pool.install(|| fit.fit(shape, 1.0, training, None, &mut CancelToken::new()));
+        let fitted = pool.install(|| fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut CancelToken::new()));
         let (model, report) = fitted.unwrap();
         (model.weights().to_vec(), report.epochs.iter().map(|epoch| epoch.1).collect::<Vec<_>>())
     };
@@ -257,7 +257,7 @@ fn a_fit_goes_the_same_way_on_all_engines() {
     let fit = |&engine: &EngineChoice| {
         let fit = PixelCnnFit { batch: 8, steps_per_epoch: 5, max_epochs: 2, engine, ..PixelCnnFit::standard(5) };
         let shape = PixelCnnShape::new(8, 4, vec![1, 2]).unwrap();
-        fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap().1
+        fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut CancelToken::new()).unwrap().1
     };
     let fits: Vec<_> = engines.iter().map(fit).collect();
     for (choice, report) in engines.iter().zip(&fits) {
@@ -326,7 +326,7 @@ fn independent_pixels_are_bounded_tightly() {
     let training = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
     let fit = PixelCnnFit { batch: 16, steps_per_epoch: 150, max_epochs: 2, ..PixelCnnFit::standard(3) };
     let shape = PixelCnnShape::new(16, 12, vec![1]).unwrap();
-    let (model, report) = fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap();
+    let (model, report) = fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut CancelToken::new()).unwrap();
     assert_eq!(report.steps, 300);
     let mut rng = ChaCha8Rng::seed_from_u64(9);
     let test = pixels_of_two_rates(2000, 4, 2).1.mapv(|count| count + rng.random::<f32>());
@@ -345,7 +345,7 @@ fn a_budget_ends_a_fit_and_says_whether_that_was_early() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let run = |fit: PixelCnnFit| {
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
-        fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap().1
+        fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut CancelToken::new()).unwrap().1
     };
     let (short, long) = (Some(Duration::from_millis(30)), Some(Duration::from_hours(1)));
     let early = run(PixelCnnFit { budget: short, ..PixelCnnFit::paper(1) });
@@ -373,7 +373,7 @@ fn steps_without_finite_numbers_are_refused() {
         let fit = PixelCnnFit { rate: 1e30, engine, ..PixelCnnFit::paper(1) };
         let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
         let mut steps = 0;
-        let fitted = fit.fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
+        let fitted = fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut |progress: &FitProgress| {
             steps = progress.step;
             ControlFlow::Continue(())
         });
@@ -388,10 +388,11 @@ fn a_fit_is_cancelled_at_the_step_that_is_told() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let mut seen = Vec::new();
     let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
-    let found = PixelCnnFit::paper(1).fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
-        seen.push(progress.step);
-        if progress.step == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-    });
+    let found =
+        PixelCnnFit::paper(1).fit(shape, 1.0, &PixelCnnContext::new(training), &mut |progress: &FitProgress| {
+            seen.push(progress.step);
+            if progress.step == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
     assert_eq!(found.unwrap_err(), InformationError::Cancelled);
     assert_eq!(seen, [1, 2, 3]);
 }
@@ -404,7 +405,7 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
     let training = TrainingPatches { noisy: patches.view(), clean: None };
     let shape = PixelCnnShape::new(8, 4, vec![1]).unwrap();
     let fit = PixelCnnFit { steps_per_epoch: 5, patience: Some(3), ..PixelCnnFit::paper(1) };
-    let (model, report) = fit.fit(shape, 1.0, training, None, &mut CancelToken::new()).unwrap();
+    let (model, report) = fit.fit(shape, 1.0, &PixelCnnContext::new(training), &mut CancelToken::new()).unwrap();
     let bits: Vec<f64> = report.epochs.iter().map(|epoch| epoch.1).collect();
     let best = bits.iter().copied().fold(f64::INFINITY, f64::min);
     assert!((bits[report.best_epoch - 1] - best).abs() < 1e-12);
@@ -414,7 +415,12 @@ fn the_published_procedure_stops_without_improvement_and_keeps_the_best() {
     assert!(model.weights().iter().all(|weight| weight.is_finite()));
     // A warm start from this fit is better at once.
     let (_, warm) = PixelCnnFit { max_epochs: 1, ..fit.clone() }
-        .fit(PixelCnnShape::new(8, 4, vec![1]).unwrap(), 1.0, training, Some(&model), &mut CancelToken::new())
+        .fit(
+            PixelCnnShape::new(8, 4, vec![1]).unwrap(),
+            1.0,
+            &PixelCnnContext { start: Some(&model), ..PixelCnnContext::new(training) },
+            &mut CancelToken::new(),
+        )
         .unwrap();
     assert!(warm.epochs[0].1 < bits[0], "{} {}", warm.epochs[0].1, bits[0]);
 }
@@ -428,7 +434,7 @@ fn epochs_end_with_their_last_step() {
     let shape = PixelCnnShape::new(2, 2, vec![1]).unwrap();
     let mut epochs = Vec::new();
     let (_, report) = fit
-        .fit(shape, 1.0, training, None, &mut |progress: &FitProgress| {
+        .fit(shape, 1.0, &PixelCnnContext::new(training), &mut |progress: &FitProgress| {
             epochs.push((progress.step, progress.epoch));
             ControlFlow::Continue(())
         })

@@ -64,13 +64,14 @@ pub fn pretrained_lower_bound(
     patch: (usize, usize),
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let (channel, _) = bead_channel(design, &ForwardModel::of_objects(design, Arc::clone(set))?, patch)?;
-    channel.map_or(Ok(None), |channel| immediate_bound(&channel, (IN_A_MOMENT, design.seed), &mut CancelToken::new()))
+    channel.map_or(Ok(None), |channel| immediate_bound(&channel, IN_A_MOMENT, design.seed, &mut CancelToken::new()))
 }
 
 /// The same bound for a channel, by a limited number of fresh scenes.
 fn immediate_bound(
     channel: &BeadChannel,
-    (scenes, seed): (usize, u64),
+    scenes: usize,
+    seed: u64,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Option<NamedBound>, EvaluationError> {
     let step = EstimateProgress::of_step("Bounding from below", 0, 1);
@@ -91,7 +92,8 @@ fn immediate_bound(
 /// When cancelled.
 pub(crate) fn with_pretrained_lower_bound(
     mut estimate: Estimate,
-    (channel, request): (&BeadChannel, &EstimateRequest),
+    channel: &BeadChannel,
+    request: &EstimateRequest,
     seed: u64,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Estimate, EvaluationError> {
@@ -101,7 +103,7 @@ pub(crate) fn with_pretrained_lower_bound(
         DensityModel::Causal { .. } | DensityModel::PixelCnn { .. } => BESIDE_FITS,
         _ => IN_A_MOMENT,
     };
-    match immediate_bound(channel, (scenes, seed), progress) {
+    match immediate_bound(channel, scenes, seed, progress) {
         Ok(below) => return Ok(below.into_iter().fold(estimate, Estimate::with_lower_bound)),
         Err(error) if error.is_cancelled() => return Err(error),
         Err(error) => estimate.notes.push(format!("no lower bound: {error}")),
@@ -120,7 +122,9 @@ pub(crate) fn scale_budget(length: FitLength, share: f64) -> FitLength {
 /// The bounds that use the prior of the objects: the decoder's lower bound, and both bounds by annealed importance sampling.
 pub(crate) fn bead_bounds(
     channel: &BeadChannel,
-    (seed, length, fresh): (u64, FitLength, bool),
+    seed: u64,
+    length: FitLength,
+    fresh: bool,
     kept: &mut EstimateCheckpoint,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<BeadBounds, EvaluationError> {
@@ -146,7 +150,8 @@ pub(crate) fn bead_bounds(
 /// The upper bound by annealed importance sampling beside a density model, where a pretrained decoder gives the proposal.
 pub(crate) fn bound_above(
     channel: &BeadChannel,
-    (seed, length): (u64, FitLength),
+    seed: u64,
+    length: FitLength,
     kept: &mut EstimateCheckpoint,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Option<AisBound>, InformationError> {

@@ -117,7 +117,7 @@ pub(crate) fn estimate_on_patches(
     Patches::draw((1, rows, cols), patch, 0, design.seed)?;
     request.model.check_patch(patch)?;
     let protocol = request.protocol;
-    let source = PatchSource::new(&bounding, &forward, &convolver, (patch, protocol));
+    let source = PatchSource::new(&bounding, &forward, &convolver, patch, protocol);
     let (channel, refusal) = bead_channel(design, &forward, patch)?;
     // The error comes before any fit; a density model does not need the prior.
     if matches!(request.model, DensityModel::Bracket { .. })
@@ -139,8 +139,8 @@ pub(crate) fn estimate_on_patches(
         let seed = design.seed.wrapping_add(index as u64);
         let smallest = kept.smallest();
         trials.push(kept.trial(index, |keeper| {
-            in_trial((index, repetitions), &mut seconds, progress, |progress| {
-                trial(&source, request, density_share, (seed, keeper, smallest), progress)
+            in_trial(index, repetitions, &mut seconds, progress, |progress| {
+                trial(&source, request, density_share, &TrialContext { seed, keeper, smallest }, progress)
             })
         })?);
     }
@@ -175,12 +175,12 @@ pub(crate) fn estimate_on_patches(
                 let fitted = fitted(&source, request, Covariance::Stationary, design.seed, progress)?;
                 source.with_clustered_interval(fitted, request.patches_test, design.seed)?
             };
-            let ask = (design.seed, length, request.fresh);
-            let beads = channel.as_ref().map(|channel| bead_bounds(channel, ask, &mut kept, progress));
+            let bounds = |channel| bead_bounds(channel, design.seed, length, request.fresh, &mut kept, progress);
+            let beads = channel.as_ref().map(bounds);
             Estimate::from_bracket(&trials, &upper, beads.transpose()?.as_ref(), provenance)?
         }
         (DensityModel::Causal { length, .. }, Some(channel)) => {
-            match bound_above(channel, (design.seed, length), &mut kept, progress)? {
+            match bound_above(channel, design.seed, length, &mut kept, progress)? {
                 Some(above) => Estimate::from_upper_bounds(&trials, Some(&above), provenance)?,
                 None => Estimate::new(&trials, provenance)?,
             }
@@ -191,7 +191,7 @@ pub(crate) fn estimate_on_patches(
         _ => Estimate::new(&trials, provenance)?,
     };
     if let Some(channel) = &channel {
-        estimate = with_pretrained_lower_bound(estimate, (channel, request), design.seed, progress)?;
+        estimate = with_pretrained_lower_bound(estimate, channel, request, design.seed, progress)?;
     }
     estimate.noise = design.noise;
     // The time that the person waited: reading, drawing and measuring objects, and the fit.
@@ -208,29 +208,39 @@ fn test_patches(source: &PatchSource<'_>, trials: &[Trial]) -> Result<TestPatche
         Estimator::GaussianAnalytic => None,
         _ => source.pictures(smallest.patches_test(), smallest.settings().seed)?,
     };
-    let told = smallest.information().to_vec();
-    Ok(TestPatches { told, pictures: pictures.map(Rc::unwrap_or_clone).unwrap_or_default() })
+    let information = smallest.information().to_vec();
+    Ok(TestPatches { information, pictures: pictures.map(Rc::unwrap_or_clone).unwrap_or_default() })
 }
 
-/// One trial. A density model beside bounds that use the prior gets a share of the time. The `smallest` of the earlier trials is known.
+/// What a trial gets from its estimate.
+#[derive(Clone, Copy)]
+pub(crate) struct TrialContext<'a> {
+    /// Seed of the trial.
+    pub seed: u64,
+    /// Checkpoint of its fit.
+    pub keeper: Option<&'a dyn FitCheckpoint>,
+    /// Smallest number of the earlier trials, bits per pixel.
+    pub smallest: Option<f64>,
+}
+
+/// One trial. A density model beside bounds that use the prior gets a share of the time.
 fn trial(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
     density_share: f64,
-    (seed, keeper, smallest): (u64, Option<&dyn FitCheckpoint>, Option<f64>),
+    context: &TrialContext<'_>,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let causal = |estimator, length, progress: &mut (dyn Progress<EstimateProgress> + Send)| {
-        causal(source, request, (estimator, scale_budget(length, density_share)), (seed, keeper), progress)
+        causal(source, request, estimator, scale_budget(length, density_share), context, progress)
     };
+    let seed = context.seed;
     let trial = match request.model {
         DensityModel::Stationary => fitted(source, request, Covariance::Stationary, seed, progress)?,
         DensityModel::GaussianFull => fitted(source, request, Covariance::Full, seed, progress)?,
         // It holds for all images, of which its patches are a fair sample.
         DensityModel::Analytic => return analytic(source, request, seed, progress),
-        DensityModel::PixelCnn { budget, engine } => {
-            network(source, request, (budget, engine, smallest), (seed, keeper), progress)?
-        }
+        DensityModel::PixelCnn { budget, engine } => network(source, request, budget, engine, context, progress)?,
         DensityModel::Causal { length } => causal(Estimator::Causal, length, progress)?,
         DensityModel::Bracket { length } => causal(Estimator::Bracket, length, progress)?,
     };
@@ -282,8 +292,9 @@ fn fitted(
 fn network(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    (budget, engine, smallest): (Option<Duration>, EngineChoice, Option<f64>),
-    (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
+    budget: Option<Duration>,
+    engine: EngineChoice,
+    &TrialContext { seed, keeper, smallest }: &TrialContext<'_>,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let (train, test) = source.splits();
@@ -340,8 +351,9 @@ pub(crate) fn network_trial(
 fn causal(
     source: &PatchSource<'_>,
     request: &EstimateRequest,
-    (estimator, length): (Estimator, FitLength),
-    (seed, keeper): (u64, Option<&dyn FitCheckpoint>),
+    estimator: Estimator,
+    length: FitLength,
+    &TrialContext { seed, keeper, .. }: &TrialContext<'_>,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
 ) -> Result<Trial, EvaluationError> {
     let (train, (_, test)) = (source.forward.set.fitting_parts().0, source.splits());
@@ -354,7 +366,7 @@ fn causal(
         test: &PatchBatch { noisy, clean: Some(clean) },
         validation: validation.as_ref(),
         keeper,
-        moments: Some(&moments(design, source.forward, (train, patch))?),
+        moments: Some(&moments(design, source.forward, train, patch)?),
         noise: design.noise,
         length,
         init: request.init(),
@@ -369,7 +381,8 @@ fn causal(
 pub(crate) fn moments(
     design: &Design,
     forward: &ForwardModel,
-    (split, patch): (Split, (usize, usize)),
+    split: Split,
+    patch: (usize, usize),
 ) -> Result<Moments, EvaluationError> {
     let known = forward.analytic_moments(split, design.encoder.grid(), patch)?;
     Ok(known.of(forward.psf(design)?.view())?)

@@ -14,15 +14,15 @@ use serde_json::json;
 
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
-use crate::evaluation::estimation::network_trial;
+use crate::evaluation::estimation::{TrialContext, network_trial};
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::patch_source::LARGEST_PATCHES_BYTES;
 use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step, report_understood};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
-    CausalRequest, Covariance, Estimate, FitCheckpoint, GaussianRequest, InformationError, NoiseEntropy, PatchBatch,
-    PatchStream, PixelCnnRequest, Protocol, Provenance, SharedImages, Trial, causal_estimate, gaussian_estimate,
+    CausalRequest, Covariance, Estimate, GaussianRequest, InformationError, NoiseEntropy, PatchBatch, PatchStream,
+    PixelCnnRequest, Protocol, Provenance, SharedImages, Trial, causal_estimate, gaussian_estimate,
 };
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -164,6 +164,14 @@ pub struct MeasuredImages {
     notes: Vec<String>,
 }
 
+/// Images for test and training.
+struct ImageParts<'a> {
+    test: &'a [usize],
+    /// Seed of the test patches.
+    test_seed: u64,
+    train: &'a [usize],
+}
+
 impl MeasuredImages {
     /// Reads all images of a file, or of the files of a folder, and converts their grey values to photons.
     ///
@@ -292,7 +300,8 @@ impl MeasuredImages {
         let test_seed = SeedStream::TestPatches.derive(seed);
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(SeedStream::MeasuredOrder.derive(seed)));
-        let parts = order.split_at(test_images);
+        let (test, train) = order.split_at(test_images);
+        let parts = ImageParts { test, test_seed, train };
         let fingerprint = self.fingerprint();
         let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || {
             let content = json!({
@@ -307,11 +316,10 @@ impl MeasuredImages {
         })?;
         let (mut trials, repetitions, mut seconds) = (Vec::new(), request.repetitions(), 0.0);
         for index in 0..repetitions {
-            let seeds = (test_seed, seed.wrapping_add(index as u64));
-            let smallest = kept.smallest();
+            let (seed, smallest) = (seed.wrapping_add(index as u64), kept.smallest());
             trials.push(kept.trial(index, |keeper| {
-                in_trial((index, repetitions), &mut seconds, progress, |progress| {
-                    self.trial(request, noise, patch, parts, (seeds, keeper, smallest), progress)
+                in_trial(index, repetitions, &mut seconds, progress, |progress| {
+                    self.trial(request, noise, patch, &parts, &TrialContext { seed, keeper, smallest }, progress)
                 })
             })?);
         }
@@ -349,8 +357,8 @@ impl MeasuredImages {
         request: &EstimateRequest,
         noise: Noise,
         patch: (usize, usize),
-        (test, train): (&[usize], &[usize]),
-        ((test_seed, seed), keeper, smallest): ((u64, u64), Option<&dyn FitCheckpoint>, Option<f64>),
+        &ImageParts { test, test_seed, train }: &ImageParts<'_>,
+        &TrialContext { seed, keeper, smallest }: &TrialContext<'_>,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Trial, MeasuredError> {
         let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;

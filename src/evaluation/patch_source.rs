@@ -8,7 +8,7 @@ use ndarray::{Array3, ArrayView3, Axis};
 use crate::evaluation::progress::{EstimateProgress, report_step};
 use crate::evaluation::scene::EvaluationError;
 use crate::forward::{Design, ForwardModel};
-use crate::information::{InformationError, Protocol, SharedImages, Trial};
+use crate::information::{InformationError, ObjectDraw, Protocol, SharedImages, Trial};
 use crate::objects::Split;
 use crate::progress::Progress;
 use crate::seeds::SeedStream;
@@ -17,8 +17,12 @@ use crate::sensor::{Convolver, Noise, Patches};
 /// Most bytes that the clean or the noisy patches of one kind may take.
 pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 
-/// The number of test patches and their seed, and the base images that they show.
-type Shown = ((usize, u64), Rc<SharedImages>);
+/// The base images that test patches show.
+struct Shown {
+    patches: usize,
+    seed: u64,
+    pictures: Rc<SharedImages>,
+}
 
 /// Source of patches.
 pub(crate) struct PatchSource<'a> {
@@ -28,7 +32,7 @@ pub(crate) struct PatchSource<'a> {
     pub convolver: &'a Convolver,
     pub patch: (usize, usize),
     pub protocol: Protocol,
-    /// The base images that were asked for last, with the number of the test patches that show them and their seed.
+    /// The base images that were asked for last.
     shown: RefCell<Option<Shown>>,
 }
 
@@ -38,7 +42,8 @@ impl<'a> PatchSource<'a> {
         design: &'a Design,
         forward: &'a ForwardModel,
         convolver: &'a Convolver,
-        (patch, protocol): ((usize, usize), Protocol),
+        patch: (usize, usize),
+        protocol: Protocol,
     ) -> Self {
         Self { design, forward, convolver, patch, protocol, shown: RefCell::default() }
     }
@@ -83,15 +88,15 @@ impl<'a> PatchSource<'a> {
         if set.base_images().is_none() {
             return Ok(None);
         }
-        let asked = (patches, self.test_seed(seed));
-        if let Some((of, pictures)) = &*self.shown.borrow()
-            && *of == asked
+        let seed = self.test_seed(seed);
+        if let Some(shown) = &*self.shown.borrow()
+            && (shown.patches, shown.seed) == (patches, seed)
         {
-            return Ok(Some(Rc::clone(pictures)));
+            return Ok(Some(Rc::clone(&shown.pictures)));
         }
         let psf = self.forward.psf(self.design)?;
-        let pictures = Rc::new(self.shared(psf.view(), split, patches, asked.1)?);
-        self.shown.replace(Some((asked, Rc::clone(&pictures))));
+        let pictures = Rc::new(self.shared(psf.view(), split, patches, seed)?);
+        self.shown.replace(Some(Shown { patches, seed, pictures: Rc::clone(&pictures) }));
         Ok(Some(pictures))
     }
 
@@ -109,7 +114,8 @@ impl<'a> PatchSource<'a> {
             let Batch { first: object, object_seed, place_seed } = self.part(split, index, seed);
             let places =
                 Patches::one_each((self.forward.set.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
-            let part = self.forward.shared_pictures(psf, self.patch, (split, object, object_seed), &places);
+            let objects = ObjectDraw { split, first: object, seed: object_seed };
+            let part = self.forward.shared_pictures(psf, self.patch, objects, &places);
             shared = shared.and(part.unwrap_or_default());
         }
         Ok(shared)
@@ -212,7 +218,7 @@ mod tests {
             psf[[0, 9, 4]] = 1.0;
             let convolver = forward.convolver(psf.view()).unwrap();
             let (design, patch, protocol) = (&design, (12, 15), Protocol::Default);
-            let source = PatchSource::new(design, &forward, &convolver, (patch, protocol));
+            let source = PatchSource::new(design, &forward, &convolver, patch, protocol);
             let count = 2 * set.batch() + 7;
             let (clean, _) = source.draw(Split::Test, count, 3, PatchRole::Test, &mut CancelToken::new()).unwrap();
             let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();

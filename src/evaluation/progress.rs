@@ -30,7 +30,7 @@ impl EstimateProgress {
     }
 
     /// The same progress in trial `index`, counted from 0, of `count`. The trial began after `began` seconds of the earlier fits.
-    fn of_trial(&self, (index, count): (usize, usize), began: f64) -> Self {
+    fn of_trial(&self, index: usize, count: usize, began: f64) -> Self {
         let Self { step, done, total, fit, understood } = self.clone();
         let fit = fit.map(|fit| FitPoint { seconds: began + fit.seconds, ..fit });
         Self {
@@ -45,7 +45,8 @@ impl EstimateProgress {
 
 /// Reports the progress of one trial as part of the progress of all trials; `seconds` are those of the fits so far.
 pub(crate) fn in_trial<T>(
-    (index, count): (usize, usize),
+    index: usize,
+    count: usize,
     seconds: &mut f64,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
     compute: impl FnOnce(&mut (dyn Progress<EstimateProgress> + Send)) -> T,
@@ -55,7 +56,7 @@ pub(crate) fn in_trial<T>(
     }
     let (began, mut now) = (*seconds, *seconds);
     let result = compute(&mut |step: &EstimateProgress| {
-        let step = step.of_trial((index, count), began);
+        let step = step.of_trial(index, count, began);
         now = step.fit.map_or(now, |fit| fit.seconds);
         progress.report(&step)
     });
@@ -229,7 +230,7 @@ mod tests {
         };
         let mut seconds = 0.0;
         for index in 0..2 {
-            in_trial((index, 2), &mut seconds, &mut receive, |progress| {
+            in_trial(index, 2, &mut seconds, &mut receive, |progress| {
                 for elapsed in [1.0, 4.0] {
                     let fit = Some(FitPoint { model: FittedModel::Density, seconds: elapsed, bits: 5.0 });
                     let (step, done) = ("Fitting".to_owned(), elapsed as usize);
@@ -249,7 +250,7 @@ mod tests {
             alone = Some(progress.step.clone());
             ControlFlow::Continue(())
         };
-        in_trial((0, 1), &mut 0.0, &mut receive, |progress| report_step(progress, "Fitting", 0, 1)).unwrap();
+        in_trial(0, 1, &mut 0.0, &mut receive, |progress| report_step(progress, "Fitting", 0, 1)).unwrap();
         assert_eq!(alone.as_deref(), Some("Fitting"));
     }
 

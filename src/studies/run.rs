@@ -187,7 +187,7 @@ impl Study {
             return cell;
         }
         if planned.design.name == first.name {
-            return StudyCell { patch_information: patches.told, ..cell };
+            return StudyCell { patch_information: patches.information, ..cell };
         }
         let is_first = |other: &&StudyCell| {
             (&other.objects, &other.design, other.patch) == (&cell.objects, &first.name, cell.patch)

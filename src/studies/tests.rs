@@ -305,7 +305,7 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     };
     let compute = |design: &Design, _: &EstimateRequest, _: &mut (dyn Progress<EstimateProgress> + Send)| {
         let (estimate, _) = of(design, estimated(0.25, None));
-        Ok((estimate, TestPatches { told: information(design), ..TestPatches::default() }))
+        Ok((estimate, TestPatches { information: information(design), ..TestPatches::default() }))
     };
     let mut study = Study::open(settings.clone(), folder.path()).unwrap();
     let stopped = study.run_with(&compute, &mut |event: &StudyEvent<'_>| match event {

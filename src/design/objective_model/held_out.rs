@@ -5,7 +5,7 @@ use ndarray::{Array3, Array4};
 use super::ModelValue;
 use crate::design::error::IdealError;
 use crate::forward::ForwardModel;
-use crate::information::{SharedImages, paired_interval};
+use crate::information::{ObjectDraw, SharedImages, paired_interval};
 use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
 use crate::seeds::SeedStream;
@@ -44,7 +44,12 @@ impl HeldOut {
         let ((field_rows, field_cols), (rows, cols)) = (forward.set.field(), forward.plan().measurement_shape());
         let flat = Array3::ones((1, field_rows + 1 - rows, field_cols + 1 - cols));
         let places = Patches::one_each((count, rows, cols), patch, SeedStream::HeldOutPlaces.derive(seed))?;
-        let shared = forward.shared_pictures(flat.view(), patch, (Split::Test, 0, object_seed), &places);
+        let shared = forward.shared_pictures(
+            flat.view(),
+            patch,
+            ObjectDraw { split: Split::Test, first: 0, seed: object_seed },
+            &places,
+        );
         Ok(Self { objects, shared: shared.unwrap_or_default(), patch, seed })
     }
 

@@ -7,8 +7,8 @@ use crate::design::gradient::GradientDraw;
 use crate::forward::ForwardModel;
 use crate::information::MeasurementStream;
 use crate::information::{
-    DataScale, FitProgress, FrozenPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnFit, PixelCnnShape, Protocol,
-    TrainingPatches, dequantised,
+    DataScale, FitProgress, FrozenPixelCnn, NoiseEntropy, PatchStream, PixelCnn, PixelCnnContext, PixelCnnFit,
+    PixelCnnShape, Protocol, TrainingPatches, dequantised,
 };
 use crate::objects::Split;
 use crate::optics::{LensletArray, render_psf};
@@ -76,7 +76,8 @@ impl ObjectiveModel for PixelCnnModel {
         let start = warm.then_some(&self.network);
         let share = |step: usize| step as f64 / (epochs * steps_per_epoch) as f64;
         let on_step = &mut |step: &FitProgress| progress.report(&share(step.step));
-        (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, patches, start, on_step)?;
+        let context = PixelCnnContext { start, ..PixelCnnContext::new(patches) };
+        (self.network, _) = fit.fit(PixelCnnShape::default(), MIN_WIDTH, &context, on_step)?;
         Ok(())
     }
 

@@ -76,7 +76,7 @@ impl IdealOptimizer<'_> {
                     scope.spawn(move |_| *fitted = posterior.continue_fit(refit, array, due, cancel));
                 }
                 let evaluated =
-                    evaluated.map_or(Ok(()), |array| self.evaluate_share(array, (number, all), &mut gains, observer));
+                    evaluated.map_or(Ok(()), |array| self.evaluate_share(array, number, all, &mut gains, observer));
                 let gradient = evaluated.and_then(|()| self.substep_gradient(substep, observer));
                 if gradient.is_err() {
                     failed.cancel();
@@ -104,11 +104,12 @@ impl IdealOptimizer<'_> {
         self.model.posterior().map_or(patches, |posterior| posterior.equivalent_scenes(patches))
     }
 
-    /// Extends the gains of the held-out scenes to the share (part, all) of them.
+    /// Extends the gains of the held-out scenes to the share `part / all` of them.
     fn evaluate_share(
         &self,
         array: &LensletArray,
-        (part, all): (usize, usize),
+        part: usize,
+        all: usize,
         gains: &mut Vec<f64>,
         observer: &RunObserver<'_>,
     ) -> Result<(), IdealError> {

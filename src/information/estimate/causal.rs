@@ -107,7 +107,7 @@ pub fn causal_estimate(
     if request.test.clean.is_none() {
         notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
     }
-    let (information, entropy_y_given_x) = score_in_parts(&model, request, (started, steps), progress)?;
+    let (information, entropy_y_given_x) = score_in_parts(&model, request, started, steps, progress)?;
     let settings = TrialSettings {
         estimator: request.estimator,
         protocol: Protocol::Default,
@@ -127,7 +127,8 @@ pub fn causal_estimate(
 fn score_in_parts(
     model: &CausalModel,
     request: &CausalRequest<'_>,
-    (started, step): (Instant, usize),
+    started: Instant,
+    step: usize,
     progress: &mut dyn Progress<FitProgress>,
 ) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
     let total = request.test.noisy.len_of(Axis(0));

@@ -8,7 +8,7 @@ use super::trial::{Trial, TrialSettings};
 use crate::information::density::patch_checks::check_clean;
 use crate::information::density::pixelcnn::fit::SCORED_AT_ONCE;
 use crate::information::density::pixelcnn::model::{PixelCnn, check};
-use crate::information::density::pixelcnn::protocols::{FitReport, PixelCnnFit, TrainingPatches};
+use crate::information::density::pixelcnn::protocols::{FitReport, PixelCnnContext, PixelCnnFit, TrainingPatches};
 use crate::information::density::pixelcnn::shape::PixelCnnShape;
 use crate::information::engine_choice::EngineChoice;
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
@@ -78,11 +78,12 @@ pub fn pixelcnn_estimate(
     };
     let fit = PixelCnnFit { dequantise, budget, engine, ..fit };
     let patches = TrainingPatches { noisy: train, clean: fresh.map(|clean| (clean, noise)) };
-    let (model, report) = fit.fit_kept(PixelCnnShape::default(), min_width, patches, (start, keeper), progress)?;
+    let (model, report) =
+        fit.fit(PixelCnnShape::default(), min_width, &PixelCnnContext { patches, start, keeper }, progress)?;
     notes.extend(explained(&report, &fit, fresh.is_some()));
 
-    let fitted = (train.len_of(Axis(0)), &report, started);
-    let trial = request.score(&model, fitted, (&entropy_y_given_x, notes), progress)?;
+    let fitted = FittedNetwork { model: &model, patches_train: train.len_of(Axis(0)), report: &report, started };
+    let trial = request.score(&fitted, &entropy_y_given_x, notes, progress)?;
     Ok((trial, model))
 }
 
@@ -101,7 +102,18 @@ pub fn pixelcnn_score(
     let (entropy_y_given_x, mut notes) = request.noise_entropies()?;
     notes.push("the network was scored without a fit".to_owned());
     let report = FitReport { steps: 0, epochs: Vec::new(), best_epoch: 0, refused: 0, cut_short: false };
-    request.score(model, (0, &report, started), (&entropy_y_given_x, notes), progress)
+    let fitted = FittedNetwork { model, patches_train: 0, report: &report, started };
+    request.score(&fitted, &entropy_y_given_x, notes, progress)
+}
+
+/// A network and its fit.
+struct FittedNetwork<'a> {
+    model: &'a PixelCnn,
+    /// Training patches; 0 without a fit.
+    patches_train: usize,
+    report: &'a FitReport,
+    /// Start of the estimate.
+    started: Instant,
 }
 
 impl PixelCnnRequest<'_> {
@@ -127,18 +139,19 @@ impl PixelCnnRequest<'_> {
         Ok((entropies, notes))
     }
 
-    /// The trial of a network fitted to a number of patches.
+    /// The trial of a network.
     fn score(
         &self,
-        model: &PixelCnn,
-        (patches_train, report, started): (usize, &FitReport, Instant),
-        (entropy_y_given_x, notes): (&[f64], Vec<String>),
+        fitted: &FittedNetwork<'_>,
+        entropy_y_given_x: &[f64],
+        notes: Vec<String>,
         progress: &mut dyn Progress<FitProgress>,
     ) -> Result<Trial, InformationError> {
         let &Self { test, noise, protocol, engine, seed, .. } = self;
         let (_, rows, cols) = test.dim();
         let test = if self.dequantises() { dequantised(test, seed, TEST_STREAM) } else { test.to_owned() };
-        let cross_entropy = scored(model, engine, test.view(), report, started, progress)?;
+        let cross_entropy = scored(fitted, engine, test.view(), progress)?;
+        let &FittedNetwork { patches_train, report, started, .. } = fitted;
         let estimator = Estimator::PixelCnn;
         let settings = TrialSettings { estimator, protocol, noise, patch: (rows, cols), patches_train, seed };
         // A resumed fit includes the time of earlier sessions.
@@ -169,11 +182,9 @@ fn check_test(train: ArrayView3<'_, f32>, test: ArrayView3<'_, f32>) -> Result<(
 
 /// Cross-entropy of each test patch, bits per pixel, with progress.
 fn scored(
-    model: &PixelCnn,
+    &FittedNetwork { model, report, started, .. }: &FittedNetwork<'_>,
     engine: EngineChoice,
     test: ArrayView3<'_, f32>,
-    report: &FitReport,
-    started: Instant,
     progress: &mut dyn Progress<FitProgress>,
 ) -> Result<Vec<f64>, InformationError> {
     let total = test.len_of(Axis(0));

@@ -10,7 +10,7 @@ use crate::information::error::InformationError;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TestPatches {
     /// Bits per pixel of each patch.
-    pub told: Vec<f64>,
+    pub information: Vec<f64>,
     /// Base images of the patches; empty where they share none.
     pub pictures: SharedImages,
 }
@@ -35,11 +35,11 @@ impl PairedDifference {
     /// # Errors
     /// When a value is not finite.
     pub fn new(of: &[f64], than: &TestPatches, seed: u64) -> Result<Option<Self>, InformationError> {
-        let TestPatches { told, pictures } = than;
-        if of.len() != told.len() || of.len() < 2 {
+        let TestPatches { information, pictures } = than;
+        if of.len() != information.len() || of.len() < 2 {
             return Ok(None);
         }
-        let differences: Vec<f64> = of.iter().zip(told).map(|(one, other)| one - other).collect();
+        let differences: Vec<f64> = of.iter().zip(information).map(|(one, other)| one - other).collect();
         let mean = differences.iter().sum::<f64>() / differences.len() as f64;
         let interval = paired_interval(&differences, seed)?;
         Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.inflate_interval(&differences, mean, interval) }))
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     /// Information of the same patches under two models, 0.01 more under the first.
-    fn told(patches: usize, seed: u64) -> (Vec<f64>, TestPatches) {
+    fn information_of(patches: usize, seed: u64) -> (Vec<f64>, TestPatches) {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut normal = |deviation: f64| deviation * random.sample::<f64, _>(StandardNormal);
         let (mut of, mut than) = (Vec::new(), Vec::new());
@@ -70,13 +70,13 @@ mod tests {
             of.push(scene + 0.01 + normal(0.02));
             than.push(scene + normal(0.02));
         }
-        (of, TestPatches { told: than, pictures: SharedImages::default() })
+        (of, TestPatches { information: than, pictures: SharedImages::default() })
     }
 
     #[test]
     fn common_variation_of_scenes_cancels() {
         let covered = (0..300).filter(|&seed| {
-            let (of, than) = told(200, seed);
+            let (of, than) = information_of(200, seed);
             let PairedDifference { interval_95: [low, high], .. } =
                 PairedDifference::new(&of, &than, seed).unwrap().unwrap();
             // The means scatter by 0.0071 each, their difference by 0.002.
@@ -85,11 +85,11 @@ mod tests {
         });
         let share = covered.count() as f64 / 300.0;
         assert!((0.90..=0.98).contains(&share), "{share}");
-        let (of, than) = told(200, 1);
+        let (of, than) = information_of(200, 1);
         let found = PairedDifference::new(&of, &than, 1).unwrap().unwrap();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        assert!((found.bits_per_pixel - (mean(&of) - mean(&than.told))).abs() < 1e-12 && found.is_clear());
-        let none = PairedDifference::new(&than.told, &than, 1).unwrap().unwrap();
+        assert!((found.bits_per_pixel - (mean(&of) - mean(&than.information))).abs() < 1e-12 && found.is_clear());
+        let none = PairedDifference::new(&than.information, &than, 1).unwrap().unwrap();
         assert!(none.bits_per_pixel == 0.0 && !none.is_clear());
     }
 
@@ -100,7 +100,7 @@ mod tests {
         let effects: Vec<f64> = (0..10).map(|_| 0.02 * random.sample::<f64, _>(StandardNormal)).collect();
         let of: Vec<f64> =
             (0..200).map(|patch| effects[patch % 10] + 0.01 * random.sample::<f64, _>(StandardNormal)).collect();
-        let than = |pictures| TestPatches { told: vec![0.0; 200], pictures };
+        let than = |pictures| TestPatches { information: vec![0.0; 200], pictures };
         let width = |than: &TestPatches| {
             let [low, high] = PairedDifference::new(&of, than, 1).unwrap().unwrap().interval_95;
             high - low
@@ -111,12 +111,12 @@ mod tests {
 
     #[test]
     fn different_patches_have_no_difference() {
-        let (of, than) = told(20, 1);
+        let (of, than) = information_of(20, 1);
         assert_eq!(PairedDifference::new(&of[..19], &than, 1), Ok(None));
         assert_eq!(PairedDifference::new(&[], &TestPatches::default(), 1), Ok(None));
-        let one = TestPatches { told: vec![0.3], ..TestPatches::default() };
+        let one = TestPatches { information: vec![0.3], ..TestPatches::default() };
         assert_eq!(PairedDifference::new(&[0.4], &one, 1), Ok(None));
-        let broken = TestPatches { told: vec![f64::NAN; 20], ..TestPatches::default() };
+        let broken = TestPatches { information: vec![f64::NAN; 20], ..TestPatches::default() };
         assert!(PairedDifference::new(&of, &broken, 1).is_err());
     }
 }

@@ -60,7 +60,7 @@ impl EstimateComputation {
     ) -> Result<(), EvaluationError> {
         let mut publish =
             |estimate: LiveEstimate| mailbox.publish(|queue| queue.publish_live(wanted.revision, estimate));
-        self.live.refine((&wanted.design, wanted.before.as_ref()), scene, &mut publish, cancel)
+        self.live.refine(&wanted.design, wanted.before.as_ref(), scene, &mut publish, cancel)
     }
 }
 

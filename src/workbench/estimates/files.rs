@@ -83,7 +83,7 @@ impl FinishedEstimate {
     pub fn is_of(&self, design: &Arc<Design>, live: &Live) -> bool {
         self.order.measured.is_none()
             && self.is_of_this_version()
-            && is_estimate_of((&self.estimate, &self.order.design), design, live)
+            && is_estimate_of(&self.estimate, &self.order.design, design, live)
     }
 }
 

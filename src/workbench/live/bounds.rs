@@ -138,7 +138,7 @@ impl<'a> BeadBoundState<'a> {
     }
 
     /// Recomputes the bounds from exactly these samples. Bounds that cannot be computed are left out.
-    pub fn repeat(&mut self, (lower, upper): (Option<BoundSource>, Option<BoundSource>), cancel: &CancelToken) {
+    pub fn repeat(&mut self, lower: Option<BoundSource>, upper: Option<BoundSource>, cancel: &CancelToken) {
         match lower {
             Some(BoundSource::Decoder { samples }) => self.decode(samples, cancel),
             Some(BoundSource::Ais { levels, samples }) => {

@@ -93,7 +93,7 @@ pub struct Revision {
 impl Revision {
     /// The revision after `after` steps at a pace in seconds, with `rest` left. The few steps of a trial measure the pace badly, because
     /// a window may be opening at the same time.
-    pub(crate) fn of((after, pace): (usize, f64), rest: Duration) -> Self {
+    pub(crate) fn of(after: usize, pace: f64, rest: Duration) -> Self {
         Self { after, planned: (after + planned(rest, pace)).min(SCHEDULE.planned_steps.1 as usize) }
     }
 }

@@ -56,7 +56,8 @@ impl LiveEstimator {
     #[allow(clippy::too_many_lines, reason = "one fit from its start to its last bounds, in the order of time")]
     pub fn refine(
         &mut self,
-        (design, before): (&Design, Option<&Arc<Design>>),
+        design: &Design,
+        before: Option<&Arc<Design>>,
         scene: &Arc<Scene>,
         publish: &mut dyn FnMut(LiveEstimate),
         cancel: &CancelToken,
@@ -73,7 +74,7 @@ impl LiveEstimator {
             awaiting.estimate = with_bounds(&beads, awaiting.estimate);
             // An edit may interrupt again.
             publish(awaiting.estimate.clone());
-            return self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, cancel);
+            return self.take_last_bounds(awaiting, &subject, &mut pulls, &mut beads, publish, cancel);
         }
         let serves = |(of, start): &(_, Arc<CausalStart>)| Arc::ptr_eq(of, scene) && start.is_of(bounding.noise);
         // The start is kept in case this fit does not begin.
@@ -88,8 +89,12 @@ impl LiveEstimator {
         let mut recipe = ReplayRecipe::of(planned(time, pace));
         let fit = subject.fit(recipe.planned, start.is_some());
         let started = Instant::now();
-        let score = |of: (&CausalModel, &PatchBatch), recipe, remaining: Option<Duration>, cancel: &CancelToken| {
-            let estimate = subject.score(of, recipe, start.clone(), cancel)?;
+        let score = |model: &CausalModel,
+                     test: &PatchBatch,
+                     recipe,
+                     remaining: Option<Duration>,
+                     cancel: &CancelToken| {
+            let estimate = subject.score(model, test, recipe, start.clone(), cancel)?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
         let mut scores = SCHEDULE.first_scores.into_iter().map(|(after, patches)| (started + after, patches));
@@ -108,16 +113,16 @@ impl LiveEstimator {
             // The last step gets the last score, which uses more patches.
             if before >= due && progress.step < recipe.all() {
                 if known.is_none() && recipe.revised.is_none() && patches == SCHEDULE.score_patches {
-                    let revision = Revision::of((progress.step, pace), time.saturating_sub(progress.elapsed));
+                    let revision = Revision::of(progress.step, pace, time.saturating_sub(progress.elapsed));
                     recipe.revised = Some(revision);
                     step.plan(revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
-                let estimate = score((&step.model(), &test.first(patches)), recipe, Some(remaining), cancel);
+                let estimate = score(&step.model(), &test.first(patches), recipe, Some(remaining), cancel);
                 let scoring = before.elapsed().mul_f64(SCHEDULE.score_patches as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
-                        estimate.pulls = pulls.told();
+                        estimate.pulls = pulls.gradients();
                         publish(with_bounds(&beads, estimate.clone()));
                         if beads.lower.is_none() && progress.elapsed >= SCHEDULE.first_decoder_bound {
                             self.take_first_bounds(&mut beads, &estimate, publish, cancel);
@@ -130,7 +135,7 @@ impl LiveEstimator {
                             publish(with_bounds(&beads, estimate.clone()));
                         }
                         if progress.elapsed >= SCHEDULE.first_gradients {
-                            estimate = with_pulls(&mut pulls, (&subject, &beads), estimate, SCHEDULE.gradients, cancel);
+                            estimate = with_pulls(&mut pulls, &subject, &beads, estimate, SCHEDULE.gradients, cancel);
                             publish(estimate.clone());
                         }
                         if progress.elapsed >= next_followed {
@@ -167,12 +172,12 @@ impl LiveEstimator {
         recipe.steps = fitted?.steps;
         // A fit that is complete is no longer lost.
         let mut estimate =
-            score((&model, &subject.test(SCHEDULE.score_patches_converged)?), recipe, None, &CancelToken::new())?;
+            score(&model, &subject.test(SCHEDULE.score_patches_converged)?, recipe, None, &CancelToken::new())?;
         estimate.bounding = beads.channel.is_some();
-        estimate.pulls = pulls.told();
+        estimate.pulls = pulls.gradients();
         publish(with_bounds(&beads, estimate.clone()));
         let awaiting = PendingBounds { scene: Arc::clone(scene), design: design.clone(), estimate, only_sensor: false };
-        self.take_last_bounds(awaiting, (&subject, &mut pulls), &mut beads, publish, cancel)
+        self.take_last_bounds(awaiting, &subject, &mut pulls, &mut beads, publish, cancel)
     }
 
     /// Computes the first lower bound, and the upper bound where its expected gain is large enough.
@@ -196,14 +201,15 @@ impl LiveEstimator {
     fn take_last_bounds(
         &mut self,
         mut awaiting: PendingBounds,
-        (subject, pulls): (&LiveProblem<'_>, &mut Pulls<'_>),
+        subject: &LiveProblem<'_>,
+        pulls: &mut Pulls<'_>,
         beads: &mut BeadBoundState<'_>,
         publish: &mut dyn FnMut(LiveEstimate),
         cancel: &CancelToken,
     ) -> Result<(), EvaluationError> {
         if !awaiting.only_sensor {
             awaiting.estimate =
-                with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_converged, cancel);
+                with_pulls(pulls, subject, beads, awaiting.estimate, SCHEDULE.gradients_converged, cancel);
             publish(awaiting.estimate.clone());
         }
         if !awaiting.only_sensor && beads.channel.is_some() {
@@ -228,7 +234,7 @@ impl LiveEstimator {
             }
         }
         if beads.channel.is_some() {
-            awaiting.estimate = with_pulls(pulls, (subject, beads), awaiting.estimate, SCHEDULE.gradients_last, cancel);
+            awaiting.estimate = with_pulls(pulls, subject, beads, awaiting.estimate, SCHEDULE.gradients_last, cancel);
         }
         if cancel.is_cancelled() {
             self.awaits_bounds = Some(awaiting);
@@ -258,9 +264,11 @@ fn trial_pace(model: &CausalModel, train: &dyn PatchStream, cancel: &CancelToken
 /// [`EvaluationError`] where design, objects or noise allow no estimate, or where `progress` cancels. It receives the number of
 /// steps after each, and once more before the score and before the bounds.
 pub(crate) fn repeated(
-    (design, before): (&Design, Option<&Arc<Design>>),
+    design: &Design,
+    before: Option<&Arc<Design>>,
     scene: &Scene,
-    (recipe, start): (&ReplayRecipe, Option<&CausalStart>),
+    recipe: &ReplayRecipe,
+    start: Option<&CausalStart>,
     progress: &mut dyn Progress<usize>,
 ) -> Result<LiveEstimate, EvaluationError> {
     let bounding = design.bounding();
@@ -295,17 +303,17 @@ pub(crate) fn repeated(
     let mut report =
         || if progress.report(&recipe.steps).is_break() { Err(InformationError::Cancelled) } else { Ok(()) };
     report()?;
-    let estimate = subject.score((&model, &test), *recipe, start.cloned().map(Arc::new), cancel)?;
+    let estimate = subject.score(&model, &test, *recipe, start.cloned().map(Arc::new), cancel)?;
     report()?;
     let mut beads = subject.beads(before);
-    beads.repeat((recipe.lower, recipe.upper), cancel);
+    beads.repeat(recipe.lower, recipe.upper, cancel);
     if let Some(samples) = recipe.edit {
         beads.compare(samples, cancel);
     }
     let whole = if recipe.sensor.is_some() { subject.whole()? } else { None };
     let sensor = whole.zip(recipe.sensor).and_then(|((channel, ceiling), [lower, upper])| {
         let mut whole = BeadBoundState::new(Some(&channel), design.seed);
-        whole.repeat((Some(lower), Some(upper)), cancel);
+        whole.repeat(Some(lower), Some(upper), cancel);
         whole.of_sensor(channel.patch, ceiling)
     });
     Ok(with_sensor(sensor, with_bounds(&beads, estimate)))
@@ -314,13 +322,14 @@ pub(crate) fn repeated(
 /// The estimate with the bounds known so far and with position gradients, which are computed for `time`.
 fn with_pulls(
     pulls: &mut Pulls<'_>,
-    (subject, beads): (&LiveProblem<'_>, &BeadBoundState<'_>),
+    subject: &LiveProblem<'_>,
+    beads: &BeadBoundState<'_>,
     estimate: LiveEstimate,
     time: Duration,
     cancel: &CancelToken,
 ) -> LiveEstimate {
     let is_loose = subject.is_loose(beads, estimate.bits_per_pixel);
-    let pulls = pulls.look((&estimate.model, is_loose), time, cancel);
+    let pulls = pulls.look(&estimate.model, is_loose, time, cancel);
     with_bounds(beads, LiveEstimate { pulls, ..estimate })
 }
 

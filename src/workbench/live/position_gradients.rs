@@ -44,7 +44,7 @@ pub(crate) struct Pulls<'a> {
     /// Gradients by the centres (x, y), block by block, and whether the decoder computed them.
     blocks: Vec<Vec<(f64, f64)>>,
     are_decoded: bool,
-    told: Option<Vec<PositionGradient>>,
+    gradients: Option<Vec<PositionGradient>>,
 }
 
 impl<'a> Pulls<'a> {
@@ -52,19 +52,20 @@ impl<'a> Pulls<'a> {
     pub fn new(forward: &'a ForwardModel, array: Option<&'a LensletArray>, seed: u64) -> Self {
         let decoder = Decoder::shipped().filter(|_| forward.set.bead_prior().is_some());
         let seed = SeedStream::PositionGradients.derive(seed);
-        Self { forward, array, seed, decoder, blocks: Vec::new(), are_decoded: false, told: None }
+        Self { forward, array, seed, decoder, blocks: Vec::new(), are_decoded: false, gradients: None }
     }
 
     /// The position gradients so far; none before there are enough scenes, and where numbers are not finite.
-    pub fn told(&self) -> Option<Vec<PositionGradient>> {
-        self.told.clone()
+    pub fn gradients(&self) -> Option<Vec<PositionGradient>> {
+        self.gradients.clone()
     }
 
     /// Computes position gradients for `time` by the current model or, where that `is_loose`, by a decoder. Later calls with a decoder
     /// add scenes to the earlier ones. Scenes that cannot be computed contribute nothing.
     pub fn look(
         &mut self,
-        (model, is_loose): (&CausalModel, bool),
+        model: &CausalModel,
+        is_loose: bool,
         time: Duration,
         cancel: &CancelToken,
     ) -> Option<Vec<PositionGradient>> {
@@ -81,7 +82,7 @@ impl<'a> Pulls<'a> {
         {
             let seed = SeedStream::Block { index: self.blocks.len() }.derive(self.seed);
             let slopes = match decoder {
-                Some(decoder) => self.by_decoder(decoder, (array, model), seed),
+                Some(decoder) => self.by_decoder(decoder, array, model, seed),
                 None => self.by_density(model, array, seed),
             };
             let Ok(slopes) = slopes else { break };
@@ -89,16 +90,17 @@ impl<'a> Pulls<'a> {
             self.blocks.push(if self.are_decoded { without_common(block) } else { block });
         }
         if self.blocks.len() >= BLOCKS {
-            self.told = (0..array.lenslets.len()).map(|lenslet| pull(&self.blocks, lenslet)).collect();
+            self.gradients = (0..array.lenslets.len()).map(|lenslet| pull(&self.blocks, lenslet)).collect();
         }
-        self.told()
+        self.gradients()
     }
 
     /// Gradients by the decoder from whole measurements; a decoder does not take measurements of any size.
     fn by_decoder(
         &self,
         decoder: &Decoder,
-        (array, model): (&LensletArray, &CausalModel),
+        array: &LensletArray,
+        model: &CausalModel,
         seed: u64,
     ) -> Result<Vec<LensletGradient>, IdealError> {
         let by = |patch| self.forward.posterior_gradient(array, patch, scenes_of(patch), seed, decoder);
@@ -176,18 +178,18 @@ mod tests {
         let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
         let (never, cancelled) = (CancelToken::new(), CancelToken::new());
         cancelled.cancel();
-        let mut look = |is_loose: bool, cancel| pulls.look((&model, is_loose), Duration::ZERO, cancel);
+        let mut look = |is_loose: bool, cancel| pulls.look(&model, is_loose, Duration::ZERO, cancel);
         assert_eq!(look(false, &cancelled), None, "it was cancelled");
-        let told = look(false, &never).unwrap();
-        let [left, right] = &told[..] else { panic!("two lenslets") };
+        let first = look(false, &never).unwrap();
+        let [left, right] = &first[..] else { panic!("two lenslets") };
         assert!(left.is_significant && right.is_significant && left.x > 0.0 && right.x < 0.0, "{left:?} {right:?}");
-        assert_eq!(look(false, &never), Some(told), "the same scenes");
+        assert_eq!(look(false, &never), Some(first), "the same scenes");
         // A decoder adds scenes with every call.
         let few = look(true, &never).unwrap();
-        pulls.look((&model, true), Duration::from_secs(2), &never);
-        assert!(pulls.blocks.len() > BLOCKS && pulls.told() != Some(few), "{}", pulls.blocks.len());
+        pulls.look(&model, true, Duration::from_secs(2), &never);
+        assert!(pulls.blocks.len() > BLOCKS && pulls.gradients() != Some(few), "{}", pulls.blocks.len());
         // A shift of the whole mask leaves the information unchanged.
-        let [left, right] = &pulls.told().unwrap()[..] else { panic!("two lenslets") };
+        let [left, right] = &pulls.gradients().unwrap()[..] else { panic!("two lenslets") };
         assert!((left.x + right.x).abs() < 1e-12 && (left.y + right.y).abs() < 1e-12, "{left:?} {right:?}");
     }
 

@@ -163,7 +163,7 @@ impl<'a> LiveProblem<'a> {
             test,
             validation: None,
             keeper: None,
-            moments: Some(&moments(self.design, self.forward, (self.forward.set.fitting_parts().0, self.patch))?),
+            moments: Some(&moments(self.design, self.forward, self.forward.set.fitting_parts().0, self.patch)?),
             noise: self.design.noise,
             length: FitLength::Steps(0),
             init: start.map_or(Init::Pretrained, Init::Warm),
@@ -185,7 +185,8 @@ impl<'a> LiveProblem<'a> {
     /// Scores a model on held-out patches; the recipe of the estimate is that of its fit. `cancel` is checked every few patches.
     pub fn score(
         &self,
-        (model, test): (&CausalModel, &PatchBatch),
+        model: &CausalModel,
+        test: &PatchBatch,
         recipe: ReplayRecipe,
         start: Option<Arc<CausalStart>>,
         cancel: &CancelToken,

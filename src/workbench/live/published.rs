@@ -55,7 +55,7 @@ pub(crate) struct Wanted {
 }
 
 /// Whether an estimate of `known` is one of `design`, too, and of its objects as they were read last.
-pub(crate) fn is_estimate_of((estimate, known): (&Estimate, &Arc<Design>), design: &Arc<Design>, live: &Live) -> bool {
+pub(crate) fn is_estimate_of(estimate: &Estimate, known: &Arc<Design>, design: &Arc<Design>, live: &Live) -> bool {
     let objects = live.scene.as_ref().filter(|scene| scene.value.serves(design));
     let is_same = Arc::ptr_eq(known, design) || known == design;
     is_same && objects.is_none_or(|scene| scene.value.set.fingerprint() == estimate.objects_fingerprint)

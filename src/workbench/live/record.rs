@@ -174,8 +174,8 @@ impl LiveRecord {
     pub fn repeat(&self, progress: &mut dyn Progress<usize>) -> Result<Repeated, EvaluationError> {
         let scene = Scene::open(&self.design, &mut |_: &ReadProgress| progress.report(&0))?;
         let before = self.design_before().map(Arc::new);
-        let designs = (&self.design, before.as_ref());
-        let live = repeated(designs, &scene, (&self.recipe, self.start.as_ref()), progress)?;
+        let (recipe, start) = (&self.recipe, self.start.as_ref());
+        let live = repeated(&self.design, before.as_ref(), &scene, recipe, start, progress)?;
         let numbers = LiveNumbers::of(&live);
         let mut notes = Vec::new();
         if scene.set.fingerprint() != self.objects_fingerprint {
@@ -212,7 +212,8 @@ mod tests {
     /// The first requested estimate of a design.
     fn first(
         refiner: &mut LiveEstimator,
-        (design, before): (&Design, Option<&Arc<Design>>),
+        design: &Design,
+        before: Option<&Arc<Design>>,
         scene: &Arc<Scene>,
         wanted: fn(&LiveEstimate) -> bool,
     ) -> LiveEstimate {
@@ -223,7 +224,7 @@ mod tests {
                 cancel.cancel();
             }
         };
-        let ended = refiner.refine((design, before), scene, &mut publish, &cancel);
+        let ended = refiner.refine(design, before, scene, &mut publish, &cancel);
         assert!(ended.as_ref().is_err_and(EvaluationError::is_cancelled), "{ended:?}");
         found.into_inner().unwrap()
     }
@@ -236,10 +237,10 @@ mod tests {
         let scene = Arc::new(Scene::open(&one, &mut CancelToken::new()).unwrap());
         let mut refiner = LiveEstimator::default();
         let is_revised = |live: &LiveEstimate| live.recipe.revised.is_some_and(|by| live.recipe.steps > by.after);
-        let cold = first(&mut refiner, (&one, None), &scene, is_revised);
+        let cold = first(&mut refiner, &one, None, &scene, is_revised);
         let before = Arc::new(one.clone());
         let has_all = |live: &LiveEstimate| live.upper.is_some() && live.edit.is_some();
-        let warm = first(&mut refiner, (&two, Some(&before)), &scene, has_all);
+        let warm = first(&mut refiner, &two, Some(&before), &scene, has_all);
         // Two lenslets give more information than one, by about the difference of their bounds.
         let gain = warm.edit.unwrap();
         let [first_lower, then] = [&cold, &warm].map(|live| live.lower.as_ref().unwrap().bits_per_pixel);
@@ -288,9 +289,9 @@ mod tests {
         assert!(scene.set.fitting_parts().1.is_some());
         let mut refiner = LiveEstimator::default();
         refiner.set_pace(0.1);
-        let on_the_way = first(&mut refiner, (&design, None), &scene, |live| live.recipe.test_patches > 32);
+        let on_the_way = first(&mut refiner, &design, None, &scene, |live| live.recipe.test_patches > 32);
         refiner.set_pace(0.1);
-        let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
+        let settled = first(&mut refiner, &design, None, &scene, |live| live.remaining.is_none());
         assert!(on_the_way.remaining.is_some() && settled.start.is_some());
         for live in [&on_the_way, &settled] {
             let repeated = LiveRecord::new(&design, &scene, live).repeat(&mut CancelToken::new()).unwrap();
@@ -305,9 +306,9 @@ mod tests {
         let mut refiner = LiveEstimator::default();
         // So slow that the fewest steps are planned.
         refiner.set_pace(1.0);
-        let settled = first(&mut refiner, (&design, None), &scene, |live| live.remaining.is_none());
+        let settled = first(&mut refiner, &design, None, &scene, |live| live.remaining.is_none());
         let mut published = Vec::new();
-        refiner.refine((&design, None), &scene, &mut |live| published.push(live), &CancelToken::new()).unwrap();
+        refiner.refine(&design, None, &scene, &mut |live| published.push(live), &CancelToken::new()).unwrap();
         let [first, pulled, last, whole, done] = &published[..] else { panic!("{} estimates", published.len()) };
         assert!(pulled.pulls.is_some() && pulled.upper == first.upper);
         assert_eq!(first.upper, settled.upper);
@@ -329,7 +330,7 @@ mod tests {
         let noise = Noise::ShotRead { sigma: 0.1 };
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), noise, ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
-        let live = first(&mut LiveEstimator::default(), (&design, None), &scene, |_| true);
+        let live = first(&mut LiveEstimator::default(), &design, None, &scene, |_| true);
         let optics = Optics::of(&design, scene.set.planes()).unwrap();
         let prepared = SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(prepared.measure(&design, &optics, &scene).unwrap());
@@ -366,8 +367,8 @@ mod tests {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let mut refiner = LiveEstimator::default();
-        first(&mut refiner, (&design, None), &scene, |_| true);
-        let warm = first(&mut refiner, (&design, None), &scene, |_| true);
+        first(&mut refiner, &design, None, &scene, |_| true);
+        let warm = first(&mut refiner, &design, None, &scene, |_| true);
         let record = serde_json::to_value(LiveRecord::new(&design, &scene, &warm)).unwrap();
         let opened = |change: &dyn Fn(&mut serde_json::Value)| {
             let mut changed = record.clone();

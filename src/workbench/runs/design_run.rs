@@ -273,7 +273,7 @@ impl DesignRun {
     pub fn scores_of(&self, design: &Arc<Design>, live: &Live) -> impl Iterator<Item = &Estimate> {
         let is_of_today = |result: &&RankedStart| {
             let version = result.record.as_ref().map(|record| &*record.program_version);
-            version == Some(NUMBERS_VERSION) && is_estimate_of((&result.estimate, &result.design), design, live)
+            version == Some(NUMBERS_VERSION) && is_estimate_of(&result.estimate, &result.design, design, live)
         };
         let scored = self.ranked.iter().filter(is_of_today);
         scored.flat_map(|result| std::iter::once(&result.estimate).chain(&result.sensor))

@@ -22,14 +22,25 @@ const VALIDATION_PATCHES: usize = 64;
 /// Smallest share of the light of a patch for a base image to count.
 const LEAST_SHARE: f64 = 1e-3;
 
+/// Objects of some measurements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ObjectDraw {
+    /// Part of the set.
+    pub split: Split,
+    /// Number of the first object.
+    pub first: usize,
+    /// Seed of the objects.
+    pub seed: u64,
+}
+
 impl ForwardModel {
     /// Base images that patches at `places` show through a point spread function of shape (planes, rows, cols). The
-    /// measurements are those of objects `first` and so on of a part and seed; `None` for beads.
+    /// measurements are those of `objects`; `None` for beads.
     pub fn shared_pictures(
         &self,
         psf: ArrayView3<'_, f64>,
         patch: (usize, usize),
-        (split, first, seed): (Split, usize, u64),
+        ObjectDraw { split, first, seed }: ObjectDraw,
         places: &Patches,
     ) -> Option<SharedImages> {
         let corners = places.corners();
@@ -156,7 +167,7 @@ impl MeasurementStream {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let places = Patches::one_each((count, rows, cols), self.patch, seed);
         let places = places.map_err(|error| InformationError::Stream { reason: error.to_string() })?;
-        Ok(forward.shared_pictures(psf, self.patch, (self.split, 0, seed), &places))
+        Ok(forward.shared_pictures(psf, self.patch, ObjectDraw { split: self.split, first: 0, seed }, &places))
     }
 
     /// Patches at `places` of the measurements of a number of objects of a seed. They are drawn in parts: few large

@@ -8,7 +8,7 @@ use super::batches::{Batches, Purpose, prepared, seed_for};
 use super::engine::Engine;
 use super::initial_mixture::spread_over;
 use super::model::{PixelCnn, check};
-use super::protocols::{FitReport, PixelCnnFit, TrainingPatches};
+use super::protocols::{FitReport, PixelCnnContext, PixelCnnFit, TrainingPatches};
 use super::scale::DataScale;
 use super::shape::PixelCnnShape;
 use crate::information::density::patch_checks::{check_clean, check_values};
@@ -29,7 +29,7 @@ pub(in crate::information) const SCORED_AT_ONCE: usize = 16;
 const LARGEST_NORM: f64 = 1e15;
 
 impl PixelCnnFit {
-    /// Fits a network of the given shape, from random weights or from those of `start`.
+    /// Fits a network of the given shape.
     ///
     /// Widths of the mixture stay above `min_width` photons. With a budget the number of steps depends on the
     /// machine. Without one, equal seeds give equal bits on one machine with the engine `cpu`, for any number of
@@ -37,28 +37,13 @@ impl PixelCnnFit {
     ///
     /// # Errors
     /// For too few, constant, too bright or invalid patches, for numbers that stay infinite, for an engine that this
-    /// program or machine lacks, and when cancelled.
+    /// program or machine lacks, and when cancelled. Where the checkpoint cannot be read or written, or belongs to
+    /// another fit.
     pub fn fit(
         &self,
         shape: PixelCnnShape,
         min_width: f32,
-        patches: TrainingPatches<'_>,
-        start: Option<&PixelCnn>,
-        progress: &mut dyn Progress<FitProgress>,
-    ) -> Result<(PixelCnn, FitReport), InformationError> {
-        self.fit_kept(shape, min_width, patches, (start, None), progress)
-    }
-
-    /// As [`PixelCnnFit::fit`], with a checkpoint from which the fit resumes.
-    ///
-    /// # Errors
-    /// As there; where the checkpoint cannot be read or written, or belongs to another fit.
-    pub(in crate::information) fn fit_kept(
-        &self,
-        shape: PixelCnnShape,
-        min_width: f32,
-        patches: TrainingPatches<'_>,
-        (start, keeper): (Option<&PixelCnn>, Option<&dyn FitCheckpoint>),
+        &PixelCnnContext { patches, start, keeper }: &PixelCnnContext<'_>,
         progress: &mut dyn Progress<FitProgress>,
     ) -> Result<(PixelCnn, FitReport), InformationError> {
         let validation = self.check(patches)?;
@@ -358,17 +343,18 @@ mod tests {
     fn a_stopped_fit_goes_on_bit_for_bit() {
         let clean = patches();
         let noisy = Noise::Shot.draw(clean.view(), 5);
-        let patches = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
         let paper = PixelCnnFit { batch: 5, steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::paper(3) };
         let standard = PixelCnnFit { steps_per_epoch: 12, max_epochs: 4, ..PixelCnnFit::standard(3) };
         for fit in [paper, standard] {
             let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
                 let mut asked = 0;
-                let told = fit.fit_kept(shape(), 1.0, patches, (None, keeper), &mut |_: &FitProgress| {
+                let patches = TrainingPatches { noisy: noisy.view(), clean: Some((clean.view(), Noise::Shot)) };
+                let context = PixelCnnContext { keeper, ..PixelCnnContext::new(patches) };
+                let fitted = fit.fit(shape(), 1.0, &context, &mut |_: &FitProgress| {
                     asked += 1;
                     if asked == stop_at { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
                 });
-                told.map(|(model, report)| (model.weights, report, asked))
+                fitted.map(|(model, report)| (model.weights, report, asked))
             };
             let (weights, report, asked) = run(None, usize::MAX).unwrap();
             assert_eq!(report.steps, 48);
@@ -394,11 +380,11 @@ mod tests {
         let patches = TrainingPatches { noisy: noisy.view(), clean: None };
         let fit = PixelCnnFit { batch: 2, steps_per_epoch: 3, max_epochs: 1, ..PixelCnnFit::paper(3) };
         let mut asked = 0;
-        let told = fit.fit(shape(), 1.0, patches, None, &mut |_: &FitProgress| {
+        let fitted = fit.fit(shape(), 1.0, &PixelCnnContext::new(patches), &mut |_: &FitProgress| {
             asked += 1;
             // Three steps, and one part of 36 patches.
             if asked == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        assert_eq!((told.unwrap_err(), asked), (InformationError::Cancelled, 4));
+        assert_eq!((fitted.unwrap_err(), asked), (InformationError::Cancelled, 4));
     }
 }

@@ -4,7 +4,9 @@ use std::time::Duration;
 
 use ndarray::ArrayView3;
 
+use crate::information::density::pixelcnn::model::PixelCnn;
 use crate::information::engine_choice::EngineChoice;
+use crate::information::fit_checkpoint::FitCheckpoint;
 use crate::nn::Averaging;
 use crate::sensor::Noise;
 
@@ -15,6 +17,24 @@ pub struct TrainingPatches<'a> {
     pub noisy: ArrayView3<'a, f32>,
     /// Clean patches, and the noise that is drawn for every batch.
     pub clean: Option<(ArrayView3<'a, f32>, Noise)>,
+}
+
+/// What a fit uses besides the shape of the network and its settings.
+#[derive(Clone, Copy)]
+pub struct PixelCnnContext<'a> {
+    /// Training patches.
+    pub patches: TrainingPatches<'a>,
+    /// Network that the fit starts from; random weights where there is none, or one of another shape.
+    pub start: Option<&'a PixelCnn>,
+    /// Checkpoint from which the fit resumes.
+    pub keeper: Option<&'a dyn FitCheckpoint>,
+}
+
+impl<'a> PixelCnnContext<'a> {
+    /// Patches alone.
+    pub fn new(patches: TrainingPatches<'a>) -> Self {
+        Self { patches, start: None, keeper: None }
+    }
 }
 
 /// Settings of the fit of a network.
