@@ -41,7 +41,7 @@ struct State {
 }
 
 impl CancelToken {
-    /// A token that nobody has cancelled.
+    /// A token that nobody has cancelled. It also receives reports that nobody wants.
     pub fn new() -> Self {
         Self::default()
     }

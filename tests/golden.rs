@@ -106,13 +106,14 @@ fn runs_are_resumed() {
         };
         assert_eq!(order.ranked.len(), at);
         let mut resumed = false;
-        let mut watch = |_: &IdealProgress<'_>| {
+        let mut on_progress = |_: &IdealProgress<'_>| {
             resumed = true;
             ControlFlow::Break(())
         };
         let from = Some(&state[..]);
         let design = &order.starts[at].design;
-        let ended = run_ideal(design, &order.settings, from, &mut CancelToken::new(), &mut |_| Ok(()), &mut watch);
+        let ended =
+            run_ideal(design, &order.settings, from, &mut CancelToken::new(), &mut |_| Ok(()), &mut on_progress);
         assert!(ended.as_ref().is_err_and(EvaluationError::is_cancelled) && resumed, "{name}: {ended:?}");
     }
 }

@@ -287,8 +287,8 @@ fn information_is_told_of_held_out_objects_only() {
             Patches::one_each(encoded.dim(), (8, 8), SeedStream::HeldOutPlaces.derive(3)).unwrap().cut(encoded.view());
         let noisy = Noise::Shot.draw(clean.view(), SeedStream::HeldOutNoise.derive(3));
         let entropy = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
-        let (bits, _) =
-            score(ideal.density_model().unwrap(), &entropy, &PatchBatch { noisy, clean: Some(clean) }).unwrap();
+        let test = PatchBatch { noisy, clean: Some(clean) };
+        let bits = score(ideal.density_model().unwrap(), &entropy, &test).unwrap().information;
         bits.iter().sum::<f64>() / bits.len() as f64
     };
     assert_eq!(checkpoint.bits_per_pixel, value(Split::Test));

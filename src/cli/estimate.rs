@@ -178,7 +178,7 @@ impl Arguments {
             weights: WeightsFiles { from: self.weights.clone(), to: self.save_weights.clone() },
         };
         let progress_line = ProgressLine::new();
-        let mut watch = |progress: &EstimateProgress| {
+        let mut on_progress = |progress: &EstimateProgress| {
             if let Some(understood) = &progress.understood {
                 progress_line.report(understood);
             }
@@ -187,10 +187,10 @@ impl Arguments {
         };
         let result = if let Some(source) = &self.measured.measurements {
             let MeasuredArgs { gain, offset, bin, .. } = self.measured;
-            let images = MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut watch)?;
-            images.estimate(&request, design.noise, design.seed, &mut watch)?
+            let images = MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut on_progress)?;
+            images.estimate(&request, design.noise, design.seed, &mut on_progress)?
         } else {
-            estimate(&design, &request, &mut watch).map_err(|error| about_objects(&design, error))?
+            estimate(&design, &request, &mut on_progress).map_err(|error| about_objects(&design, error))?
         };
         progress_line.finish();
         let printed =

@@ -33,7 +33,7 @@ pub(super) fn optimize(
     let progress_line = ProgressLine::new();
     let mut going_on = from.is_some();
     let folder = folder.display();
-    let mut watch = |progress: &IdealProgress<'_>| {
+    let mut on_progress = |progress: &IdealProgress<'_>| {
         if std::mem::take(&mut going_on) {
             let step = progress.state.step;
             progress_line.report(format_args!("{folder}: resuming the run that is there, at step {step}"));
@@ -46,7 +46,7 @@ pub(super) fn optimize(
         ControlFlow::Continue(())
     };
     let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(0, &ideal.to_bytes()?);
-    let record = run_ideal(design, settings, from.as_deref(), &mut reading, keep, &mut watch)
+    let record = run_ideal(design, settings, from.as_deref(), &mut reading, keep, &mut on_progress)
         .map_err(|error| about_state(design, kept, error))
         .with_context(|| format!("{folder}: the run ended"))?;
     progress_line.finish();
@@ -182,18 +182,19 @@ fn ranked_start(
         return Ok((record, result.clone()));
     }
     let progress_line = ProgressLine::new();
-    let mut watch = |progress: &EstimateProgress| {
+    let mut on_progress = |progress: &EstimateProgress| {
         progress_line.show(progress.done, progress.total, &progress.step);
         ControlFlow::Continue(())
     };
     let mut result = if let Some(known) = known {
         known.clone()
     } else {
-        let estimate = score_in_patches(&design, budget, &mut watch).map_err(|error| about_objects(&design, error))?;
+        let estimate =
+            score_in_patches(&design, budget, &mut on_progress).map_err(|error| about_objects(&design, error))?;
         let design = Arc::clone(&design);
         RankedStart { name, design, estimate, sensor: None, is_scored: false, sensor_failure: None, record: None }
     };
-    let scored = score_whole(&design, &result.estimate, budget, &mut watch);
+    let scored = score_whole(&design, &result.estimate, budget, &mut on_progress);
     progress_line.finish();
     if let Err(error) = result.set_sensor(scored) {
         output::report(format_args!("{}: no score for the whole sensor: {error}", folder.display()));

@@ -83,11 +83,11 @@ impl Arguments {
             output::report(format_args!("{}: {note}", self.record.display()));
         }
         let (progress_line, total) = (ProgressLine::new(), recorded.steps());
-        let mut watch = |progress: &IdealProgress<'_>| {
+        let mut on_progress = |progress: &IdealProgress<'_>| {
             progress_line.show(progress.state.step, total, "");
             ControlFlow::Continue(())
         };
-        let record = recorded.reproduce(&parts, &mut CancelToken::new(), &mut watch);
+        let record = recorded.reproduce(&parts, &mut CancelToken::new(), &mut on_progress);
         let record = record.map_err(|error| about_objects(&recorded.start, error))?;
         progress_line.finish();
 

@@ -465,13 +465,13 @@ mod tests {
         };
         let mut ideal = small(&forward, &settings);
         let mut calls_in_step = 0;
-        let mut watch = |progress: &IdealProgress<'_>| {
+        let mut on_progress = |progress: &IdealProgress<'_>| {
             calls_in_step += usize::from(progress.phase.is_none());
             if calls_in_step < 3 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
         };
         // The cold fit and the checkpoint come before.
-        ideal.advance(&mut watch).unwrap();
-        let stopped = ideal.advance(&mut watch);
+        ideal.advance(&mut on_progress).unwrap();
+        let stopped = ideal.advance(&mut on_progress);
         assert!(matches!(stopped, Err(IdealError::Information(InformationError::Cancelled))));
         assert_eq!(ideal.state.step, 0);
     }

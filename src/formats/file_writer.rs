@@ -281,16 +281,16 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         let writer = FileWriter::start("test-writer", Duration::from_hours(1)).unwrap();
-        let (tell, told) = std::sync::mpsc::channel();
+        let (sender, receiver) = std::sync::mpsc::channel();
         for text in ["one", "two", "three"] {
-            let tell = tell.clone();
-            let then: AfterWrite = Box::new(move || tell.send(text).unwrap());
+            let sender = sender.clone();
+            let then: AfterWrite = Box::new(move || sender.send(text).unwrap());
             writer.write(path.clone(), Box::new(|| Some(text.into())), Some(then));
         }
         writer.write(folder.path().join("b"), Box::new(|| None), None);
         drop(writer);
         assert_eq!(std::fs::read(&path).unwrap(), b"three");
-        assert_eq!(told.try_iter().last(), Some("three"));
+        assert_eq!(receiver.try_iter().last(), Some("three"));
         assert!(!folder.path().join("b").exists());
         // A folder in place of a file does not keep the program from ending.
         let writer = FileWriter::start("test-writer", EVERY).unwrap();

@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_file_is_told_before_memory_is_reserved() {
+    fn short_file_is_refused_before_memory_is_reserved() {
         let error = read_array(file("<f8", "False", "(1000000, 1000000)", &[0; 16], 1).path()).unwrap_err().to_string();
         assert!(error.contains("8000000000000 bytes") && error.contains("16 bytes"), "{error}");
         let error = read_array(file("<f4", "False", "(0, 18446744073709551615)", &[], 1).path()).unwrap_err();

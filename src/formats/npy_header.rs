@@ -380,8 +380,8 @@ mod tests {
             (b"{'descr': '<f8', 'fortran_order': False, 'shape': (4611686018427387904,)}", "fits into memory"),
             (b"{'descr': '|u1', 'fortran_order': False, 'shape': (0, 4294967296, 4294967296)}", "fits into memory"),
         ] {
-            let told = NpyHeader::parse(text).unwrap_err().expected;
-            assert!(told.contains(expected), "{told}");
+            let found = NpyHeader::parse(text).unwrap_err().expected;
+            assert!(found.contains(expected), "{found}");
         }
     }
 }

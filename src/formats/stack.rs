@@ -105,23 +105,23 @@ impl Axes {
         }
         axes.retain(|&axis| Some(axis) != chosen);
         let is_wide = |one: usize, other: usize| shape[one].min(shape[other]) > COLOUR_PICTURE_PX;
-        let is_told = meaning.channel.is_some();
-        let is_colour = |axis: usize| matches!(shape[axis], 3 | 4) || (is_told && shape[axis] == 2);
+        let is_known = meaning.channel.is_some();
+        let is_colour = |axis: usize| matches!(shape[axis], 3 | 4) || (is_known && shape[axis] == 2);
         let axes = match axes[..] {
             [rows, cols] => Self { frames: chosen, rows, cols, colours: None },
-            [rows, cols, colours] if is_colour(colours) && (is_wide(rows, cols) || chosen.is_some() || is_told) => {
+            [rows, cols, colours] if is_colour(colours) && (is_wide(rows, cols) || chosen.is_some() || is_known) => {
                 Self { frames: chosen, rows, cols, colours: Some(colours) }
             }
-            [colours, rows, cols] if is_told && is_colour(colours) => {
+            [colours, rows, cols] if is_known && is_colour(colours) => {
                 Self { frames: chosen, rows, cols, colours: Some(colours) }
             }
-            [frames, rows, cols] if chosen.is_none() && !is_told => {
+            [frames, rows, cols] if chosen.is_none() && !is_known => {
                 Self { frames: Some(frames), rows, cols, colours: None }
             }
             [frames, rows, cols, colours] if chosen.is_none() && is_colour(colours) => {
                 Self { frames: Some(frames), rows, cols, colours: Some(colours) }
             }
-            [frames, colours, rows, cols] if chosen.is_none() && is_colour(colours) && is_told => {
+            [frames, colours, rows, cols] if chosen.is_none() && is_colour(colours) && is_known => {
                 Self { frames: Some(frames), rows, cols, colours: Some(colours) }
             }
             [_, colours, _, _] if chosen.is_none() && is_colour(colours) => {
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axis_that_counts_images_can_be_told() {
+    fn axis_that_counts_images_can_be_chosen() {
         let folder = tempfile::tempdir().unwrap();
         let path = counting(&folder, &[6, 5, 3]);
         for (query, dim, axis, second) in [
@@ -251,7 +251,7 @@ mod tests {
         let colours = read_stack(&with(&counting(&folder, &[6, 5, 3, 4]), "axis=last&channel=red")).unwrap();
         assert_eq!((colours.understood.axis, colours.samples.value(1)), (Some(4), 12.0));
         counting(&folder, &[6, 5, 3]);
-        for (wrong, told) in [
+        for (wrong, message) in [
             ("axis=4", "correct the number behind ?axis="),
             ("axis=1&axis=9", "correct the number behind ?axis="),
             ("key=a", "a file that is no archive of arrays"),
@@ -259,12 +259,12 @@ mod tests {
             ("frame=7", "found 1 image;"),
         ] {
             let error = read_stack(&with(&path, wrong)).unwrap_err().to_string();
-            assert!(error.contains(told), "{wrong}: {error}");
+            assert!(error.contains(message), "{wrong}: {error}");
         }
     }
 
     #[test]
-    fn channels_and_single_images_can_be_told() {
+    fn channels_and_single_images_can_be_chosen() {
         let folder = tempfile::tempdir().unwrap();
         let value = |shape: &[usize], query: &str| {
             let stack = read_stack(&with(&counting(&folder, shape), query)).unwrap();

@@ -158,27 +158,27 @@ mod tests {
 
     #[test]
     fn one_sentence_tells_number_shape_axis_depth_and_range() {
-        let told = |stack: &PixelStack| ImageSummary::of(stack).to_string();
+        let summary = |stack: &PixelStack| ImageSummary::of(stack).to_string();
         let mut stack = PixelStack::new(20, 1, 2, Samples::U16((3..43).collect()));
         stack.understood.axis = Some(3);
-        assert_eq!(told(&stack), "20 images of 1 x 2 px, axis 3 counts them, 16 bits, range 3 to 42");
+        assert_eq!(summary(&stack), "20 images of 1 x 2 px, axis 3 counts them, 16 bits, range 3 to 42");
         stack.understood.key = Some("psf".into());
         stack.note("one note");
         stack.note("one note");
         assert_eq!(
-            told(&stack),
+            summary(&stack),
             "20 images of 1 x 2 px, array psf, axis 3 counts them, 16 bits, range 3 to 42; one note"
         );
         let floats = PixelStack::new(1, 2, 2, Samples::F32(vec![f32::NAN, 0.125, -1.0 / 3.0, 70_000.0]));
         assert_eq!(
-            told(&floats),
+            summary(&floats),
             "1 image of 2 x 2 px, 32-bit floats, range -0.33333 to 70000, 1 value NaN or infinite"
         );
-        assert_eq!(told(&PixelStack::new(0, 2, 2, Samples::U8(vec![]))), "0 images of 2 x 2 px, 8 bits");
+        assert_eq!(summary(&PixelStack::new(0, 2, 2, Samples::U8(vec![]))), "0 images of 2 x 2 px, 8 bits");
     }
 
     #[test]
-    fn several_files_are_told_together() {
+    fn several_files_have_one_summary() {
         let of = |rows, level: u8| ImageSummary::of(&PixelStack::new(1, rows, 2, Samples::U8(vec![level; 2 * rows])));
         let mut all = of(3, 7);
         all.join(of(3, 2));

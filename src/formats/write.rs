@@ -76,11 +76,11 @@ fn locked(path: &Path) -> Result<Option<File>, FormatError> {
 /// The locked file, or the file itself on systems without locks; `None` if another process holds the lock.
 fn lock_within_grace(file: File) -> Option<File> {
     let Err(TryLockError::WouldBlock) = file.try_lock() else { return Some(file) };
-    let (tell, told) = channel();
+    let (sender, receiver) = channel();
     // A receiver that timed out releases the lock at once.
-    let wait = move || drop(file.lock().map(|()| tell.send(file)));
+    let wait = move || drop(file.lock().map(|()| sender.send(file)));
     let waiting = std::thread::Builder::new().name("lenslet-lock".into()).spawn(wait);
-    waiting.ok().and_then(|_| told.recv_timeout(GRACE).ok())
+    waiting.ok().and_then(|_| receiver.recv_timeout(GRACE).ok())
 }
 
 /// Lock of a file that is replaced repeatedly, against other programs. The lock is on an empty file beside it, which is
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_folder_and_a_folder_as_target_are_told() {
+    fn missing_folder_and_folder_as_target_are_reported() {
         let folder = tempfile::tempdir().unwrap();
         let error = write_safely(&folder.path().join("none/a.npy"), |_| Ok(())).unwrap_err();
         assert!(matches!(error, FormatError::NotWritten { .. }) && error.to_string().contains("make the folder"));
@@ -331,8 +331,8 @@ mod tests {
         let held = lock_name(&path, &lock).unwrap();
         assert!(held.is_some() && !path.exists());
         write_safely(&path, |writer| writer.write_all(b"one")).unwrap();
-        let told = lock_name(&path, &lock).unwrap_err().to_string();
-        assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
+        let message = lock_name(&path, &lock).unwrap_err().to_string();
+        assert!(message.contains("kept: expected a file of this estimate alone"), "{message}");
         drop(held);
         assert_eq!(names(folder.path()), ["kept"], "nothing stays of the lock");
         // A lock file left by a kill blocks nobody, and a user's file stays.

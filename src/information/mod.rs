@@ -47,7 +47,9 @@ pub use density::causal::measurement_stream::{MeasurementStream, ObjectDraw};
 pub use density::causal::model::{CausalModel, check_causal_patch};
 pub use density::causal::pretrained::{PretrainProgress, PretrainStep, PretrainedWeights, TrainingScene};
 pub use density::causal::refit::CausalRefit;
-pub use density::causal::score::{cancellable_information_map, information_map, score, score_with_progress};
+pub use density::causal::score::{
+    PatchScores, cancellable_information_map, information_map, score, score_with_progress,
+};
 pub use density::causal::shape::CausalShape;
 pub use density::causal::sliding_map::sliding_information_map;
 pub use density::causal::stream::{PatchBatch, PatchStream};

@@ -55,15 +55,15 @@ mod tests {
     #[test]
     fn the_first_bad_pixel_is_named() {
         let path = Path::new("a.npy");
-        for (bad, told) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (-0.2, "-0.2")] {
+        for (bad, found) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf"), (-0.2, "-0.2")] {
             let error = clean(path, &mut stack(&[1.0, 0.0, 2.0, 3.0, 0.0, 0.0, bad, -9.0])).unwrap_err().to_string();
-            assert!(error.contains(&format!("found {told} in image 2, row 1, column 0")), "{error}");
+            assert!(error.contains(&format!("found {found} in image 2, row 1, column 0")), "{error}");
         }
         assert!(clean(path, &mut stack(&[])).is_err());
     }
 
     #[test]
-    fn a_dark_frame_residue_becomes_zero_and_is_told() {
+    fn dark_frame_residue_becomes_zero_and_is_reported() {
         let mut pixels = stack(&[1.0, -0.05, 0.0, -0.01]);
         let notice = clean(Path::new("a.npy"), &mut pixels).unwrap().unwrap();
         assert!(notice.contains("2 slightly negative pixels (down to -0.05)"), "{notice}");

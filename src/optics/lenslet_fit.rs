@@ -342,7 +342,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lenslets_cannot_be_is_told_as_a_share_of_the_light() {
+    fn residual_is_a_share_of_the_light() {
         let caustics = Diffuser { aperture_px: 32, seed: 1 }.render();
         let share = |most| FittedLenslets::of(caustics.view(), most).unwrap();
         let (few, many) = (share(4), share(64));

@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_computed_is_told_before_anything_is() {
+    fn impossible_settings_are_refused_before_any_computation() {
         let refusal = |change: &dyn Fn(&mut StudySettings)| {
             let mut settings = StudySettings::grid();
             change(&mut settings);

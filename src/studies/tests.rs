@@ -347,7 +347,7 @@ fn patches_are_compared_with_the_whole_sensor() {
 }
 
 #[test]
-fn brackets_are_told_with_all_bounds_and_drawn() {
+fn tables_and_plot_of_brackets_have_all_bounds() {
     let folder = tempfile::tempdir().unwrap();
     let mut study = Study::open(
         StudySettings { designs: vec![StudyDesign::heuristic(9)], ..StudySettings::bracket() },

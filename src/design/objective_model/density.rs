@@ -162,8 +162,8 @@ impl ObjectiveModel for DensityModel {
     ) -> Result<ModelValue, IdealError> {
         let HeldOutPatches { clean, noisy } = self.held_out.measured(&self.forward, array)?;
         let test = PatchBatch { noisy, clean: Some(clean) };
-        let (information, _) = score_with_progress(&self.model, &self.entropy, &test, progress)?;
-        self.held_out.value(&information)
+        let scores = score_with_progress(&self.model, &self.entropy, &test, progress)?;
+        self.held_out.value(&scores.information)
     }
 
     fn gradient(&self, array: &LensletArray, draw: &GradientDraw, progress: &mut dyn Progress<usize>) -> MaskGradient {

@@ -219,11 +219,11 @@ mod tests {
         (ideal.settings.substeps, ideal.settings.patches) = (3, 6);
         let mut seen = Vec::new();
         while !ideal.is_finished() {
-            let watch = &mut |progress: &IdealProgress<'_>| {
+            let on_progress = &mut |progress: &IdealProgress<'_>| {
                 seen.push((progress.state.step, progress.state.array.clone()));
                 ControlFlow::Continue(())
             };
-            ideal.advance(watch).unwrap();
+            ideal.advance(on_progress).unwrap();
         }
         let at = |step: usize| {
             let mut masks: Vec<_> = seen.iter().filter(|seen| seen.0 == step).map(|seen| seen.1.clone()).collect();
@@ -287,11 +287,11 @@ mod tests {
         advance(&mut whole);
         let (bytes, before) = (whole.to_bytes().unwrap(), weights(&whole));
         let mut fitted = 0;
-        let watch = &mut |progress: &IdealProgress<'_>| {
+        let on_progress = &mut |progress: &IdealProgress<'_>| {
             fitted += usize::from(progress.phase.is_some_and(|doing| doing.0 == Phase::Fitting));
             ControlFlow::Continue(())
         };
-        whole.advance(watch).unwrap();
+        whole.advance(on_progress).unwrap();
         assert_eq!(fitted, 0, "the mask does not wait");
         assert!(weights(&whole) != before, "for the fit");
         while !whole.is_finished() {

@@ -100,8 +100,8 @@ fn two_estimates_do_not_share_a_file() {
     let path = folder.path().join("kept");
     let open = || EstimateCheckpoint::open(Some(&path), || named("one"));
     let kept = open().unwrap();
-    let told = open().err().unwrap().to_string();
-    assert!(told.contains("kept: expected a file of this estimate alone"), "{told}");
+    let message = open().err().unwrap().to_string();
+    assert!(message.contains("kept: expected a file of this estimate alone"), "{message}");
     // It does not remove a checkpoint that another estimate uses, either.
     end(&path);
     assert!(path.exists());
@@ -135,7 +135,7 @@ fn parts_that_are_there_are_not_computed_again() {
     });
     assert_eq!(stopped, Err(InformationError::Cancelled));
     let decoder = Decoder::new(2, 1).unwrap();
-    let told = LowerBound {
+    let lower = LowerBound {
         bits_per_pixel: 0.1,
         interval_95: [0.1; 2],
         bits_per_measurement: 1.6,
@@ -153,7 +153,7 @@ fn parts_that_are_there_are_not_computed_again() {
         seed: 1,
         notes: Vec::new(),
     };
-    first.decoder(|_| Ok((told.clone(), decoder.clone()))).unwrap();
+    first.decoder(|_| Ok((lower.clone(), decoder.clone()))).unwrap();
     let trial = || {
         let settings = TrialSettings {
             estimator: Estimator::Causal,
@@ -188,7 +188,7 @@ fn parts_that_are_there_are_not_computed_again() {
     });
     assert_eq!((resumed, half.exists()), (Ok(bound(0.1)), false));
     let (found, weights) = again.decoder(|_| Err(InformationError::Empty)).unwrap();
-    assert_eq!((found, weights.weights()), (told, decoder.weights()));
+    assert_eq!((found, weights.weights()), (lower, decoder.weights()));
     let unasked = |_: Option<&dyn FitCheckpoint>| -> Result<Trial, InformationError> { panic!("it is there") };
     assert_eq!((again.trial(0, unasked), again.smallest()), (trial(), trial().ok().map(|one| one.bits_per_pixel())));
     assert!(again.seconds() >= 2.5, "a trial and a decoder of 1 s, two bounds of 0.25 s");

@@ -93,7 +93,7 @@ fn values(path: &Path) -> Vec<f32> {
     read_stack(path).unwrap().samples.into_f32()
 }
 
-fn told(path: &Path) -> String {
+fn summary(path: &Path) -> String {
     ImageSummary::of(&read_stack(path).unwrap()).to_string()
 }
 
@@ -147,7 +147,7 @@ fn inverting_tables_leave_stored_values_as_they_are() {
         let pixels = [302, 2, 65_535].map(bytes).concat();
         let path = Handmade { big_endian, ..Handmade::grey(3, 1, 16, pixels) }.with(262, SHORT, &[0]).save(&folder);
         assert_eq!(values(&path), [302.0, 2.0, 65_535.0]);
-        assert!(told(&path).contains("stored values, though they are marked white-is-zero"), "{}", told(&path));
+        assert!(summary(&path).contains("stored values, though they are marked white-is-zero"), "{}", summary(&path));
         let bytes = |value: f32| if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         let float = Handmade { big_endian, ..Handmade::grey(2, 1, 32, [302.0, 1e-30].map(bytes).concat()) };
         let path = float.with(262, SHORT, &[0]).with(339, SHORT, &[3]).save(&folder);
@@ -168,14 +168,14 @@ fn images_behind_a_single_page_are_found() {
     for text in ["ImageJ=1.11a\nimages=4\nslices=4\n", "{\"shape\": [2, 2, 1, 2], \"truncated\": true}"] {
         let path = stack(4, text);
         assert_eq!(values(&path), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0], "{text}");
-        assert!(told(&path).starts_with("4 images of 1 x 2 px, 16 bits, range 0 to 7"), "{}", told(&path));
+        assert!(summary(&path).starts_with("4 images of 1 x 2 px, 16 bits, range 0 to 7"), "{}", summary(&path));
         assert_eq!(read_pages(&path).unwrap().len(), 4);
     }
     // The directory and the description, which lie after the pixels, are not images.
     for (count, missing) in [(1, "other 899 were"), (3, "other 897 were")] {
         let path = stack(count, "ImageJ=1.11a\nimages=900\n");
         assert_eq!(values(&path).len(), 2 * usize::from(count));
-        assert!(told(&path).contains(&format!("counts 900 images; the {missing} not found")), "{}", told(&path));
+        assert!(summary(&path).contains(&format!("counts 900 images; the {missing} not found")), "{}", summary(&path));
     }
 }
 
@@ -186,7 +186,7 @@ fn images_behind_a_packed_page_are_missed_in_a_sentence() {
     let file = Handmade::grey(2, 1, 8, vec![1, 10, 20]).with(259, SHORT, &[32_773]);
     let path = file.described("ImageJ=1\nimages=2\n").save(&folder);
     assert_eq!(values(&path), [10.0, 20.0]);
-    assert!(told(&path).ends_with("counts 2 images; the other 1 was not found in the file"), "{}", told(&path));
+    assert!(summary(&path).ends_with("counts 2 images; the other 1 was not found in the file"), "{}", summary(&path));
 }
 
 #[test]
@@ -196,7 +196,7 @@ fn signed_numbers_of_imagej_are_those_that_it_shows() {
     let file = Handmade::grey(3, 1, 16, pixels).described("ImageJ=1.54f\ncf=0\nc0=-32768.0\nc1=1.0\nvunit=gray\n");
     let path = file.save(&folder);
     assert_eq!(values(&path), [0.0, -10.0, 100.0]);
-    assert!(told(&path).contains("16 bits with sign"), "{}", told(&path));
+    assert!(summary(&path).contains("16 bits with sign"), "{}", summary(&path));
 }
 
 #[test]
@@ -214,7 +214,7 @@ fn colour_tables_are_colours_but_for_those_of_imagej() {
     assert_eq!(values(&with(&path, "channel=1")), [2.0, 3.0, 0.0]);
     let path = file().described("ImageJ=1.54f\n").save(&folder);
     assert_eq!(values(&path), [2.0, 3.0, 0.0]);
-    assert!(told(&path).contains("without its colour table (LUT)"), "{}", told(&path));
+    assert!(summary(&path).contains("without its colour table (LUT)"), "{}", summary(&path));
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn few_bits_are_unpacked() {
     ] {
         let path = Handmade::grey(3, 2, bits, pixels).save(&folder);
         assert_eq!(values(&path), expected, "{bits}");
-        assert!(told(&path).contains(&format!("{bits} bit")), "{}", told(&path));
+        assert!(summary(&path).contains(&format!("{bits} bit")), "{}", summary(&path));
     }
 }
 
@@ -243,7 +243,7 @@ fn pages_are_upright_and_previews_left_out() {
     preview.encoder().write_tag(tiff::tags::Tag::NewSubfileType, 1_u32).unwrap();
     preview.write_data(&[9]).unwrap();
     assert_eq!(values(&path), [3.0, 250.0, 7.0, 9.0]);
-    assert!(told(&path).ends_with("1 reduced page left out"), "{}", told(&path));
+    assert!(summary(&path).ends_with("1 reduced page left out"), "{}", summary(&path));
 }
 
 #[test]

@@ -182,19 +182,19 @@ mod tests {
         let channel = BeadChannel { spot, probability: 0.1, bias: 4.0, noise: Noise::Shot, patch: (2, 8) };
         let fit = DecoderFit { unrolled: 2, max_test: 64, ..DecoderFit::of_steps(12, DecoderKind::Autoregressive, 2) };
         let run = |keeper: Option<&dyn FitCheckpoint>, stop_at: usize| {
-            let mut told = Vec::new();
+            let mut reported = Vec::new();
             let result = decoder_lower_bound(&channel, &fit, None, keeper, &mut |progress: &DecoderProgress| {
-                told.push(*progress);
+                reported.push(*progress);
                 if progress.step < stop_at { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });
-            (result, told)
+            (result, reported)
         };
-        let (whole, whole_told) = run(None, usize::MAX);
+        let (whole, whole_reported) = run(None, usize::MAX);
         let keeper = InMemory::default();
         let (stopped, before) = run(Some(&keeper), 5);
         assert_eq!(stopped.unwrap_err(), InformationError::Cancelled);
         let (resumed, after) = run(Some(&keeper), usize::MAX);
-        assert_eq!((after[0].step, after[0].training_bits), (6, whole_told[5].training_bits));
+        assert_eq!((after[0].step, after[0].training_bits), (6, whole_reported[5].training_bits));
         assert!(after[0].elapsed > before[3].elapsed, "the time goes on, too: {after:?}");
         let ((whole, one), (resumed, other)) = (whole.unwrap(), resumed.unwrap());
         assert_eq!(one.weights(), other.weights());

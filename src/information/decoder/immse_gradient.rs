@@ -140,8 +140,9 @@ mod tests {
         for value in values {
             let by_object = objects(spot).map(|(clean, chance, _)| (chance, density(value, clean)));
             let marginal: f64 = by_object.iter().map(|(chance, density)| chance * density).sum();
-            let told = by_object.iter().filter(|(_, density)| *density > 0.0);
-            bits += step * told.map(|(chance, density)| chance * density * (density / marginal).log2()).sum::<f64>();
+            let possible = by_object.iter().filter(|(_, density)| *density > 0.0);
+            bits +=
+                step * possible.map(|(chance, density)| chance * density * (density / marginal).log2()).sum::<f64>();
         }
         bits
     }

@@ -10,7 +10,7 @@ use crate::information::density::causal::fit::{CausalFit, FitContext, FitLength,
 use crate::information::density::causal::init::Init;
 use crate::information::density::causal::model::{CausalModel, check_causal_patch};
 use crate::information::density::causal::pretrained::PretrainedWeights;
-use crate::information::density::causal::score::score_with_progress;
+use crate::information::density::causal::score::{PatchScores, score_with_progress};
 use crate::information::density::causal::shape::CausalShape;
 use crate::information::density::causal::stream::{PatchBatch, PatchStream};
 use crate::information::entropy::noise_entropy::{NoiseEntropy, Protocol};
@@ -107,7 +107,7 @@ pub fn causal_estimate(
     if request.test.clean.is_none() {
         notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
     }
-    let (information, entropy_y_given_x) = score_in_parts(&model, request, started, steps, progress)?;
+    let PatchScores { information, entropy_y_given_x } = score_in_parts(&model, request, started, steps, progress)?;
     let settings = TrialSettings {
         estimator: request.estimator,
         protocol: Protocol::Default,
@@ -130,7 +130,7 @@ fn score_in_parts(
     started: Instant,
     step: usize,
     progress: &mut dyn Progress<FitProgress>,
-) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+) -> Result<PatchScores, InformationError> {
     let total = request.test.noisy.len_of(Axis(0));
     let entropy = NoiseEntropy::new(request.noise, Protocol::Default)?;
     score_with_progress(model, &entropy, request.test, &mut |scored: &usize| {

@@ -109,23 +109,23 @@ fn crossing_bounds_get_a_note() {
     assert_eq!(below(0.44).summary(), "between 0.4400 [0.4200, 0.4600] and 0.4500 [0.4500, 0.4500] bits per pixel");
     let crossed = below(0.46);
     assert_eq!(crossed.summary(), "between 0.4500 [0.4500, 0.4500] and 0.4600 [0.4400, 0.4800] bits per pixel");
-    let told =
+    let warnings =
         |estimate: &Estimate| estimate.notes.iter().filter(|note| note.contains("within their intervals")).count();
-    assert_eq!((told(&below(0.44)), told(&crossed)), (0, 1), "{:?}", crossed.notes);
+    assert_eq!((warnings(&below(0.44)), warnings(&crossed)), (0, 1), "{:?}", crossed.notes);
     // Later lower bounds are not reported twice either.
     let bound = |bits: f64, half_width: f64| NamedBound {
         from: BoundMethod::Decoder,
         bits_per_pixel: bits,
         interval_95: [bits - half_width, bits + half_width],
     };
-    assert_eq!([0.1, 0.46, 0.47].map(|bits| told(&below(0.44).with_lower_bound(bound(bits, 0.03)))), [0, 1, 1]);
+    assert_eq!([0.1, 0.46, 0.47].map(|bits| warnings(&below(0.44).with_lower_bound(bound(bits, 0.03)))), [0, 1, 1]);
     // Chance does not explain every crossing.
     let wrong = below(0.44).with_lower_bound(bound(0.46, 0.003));
-    assert!(wrong.notes.iter().any(|note| note.contains("one of them is wrong")) && told(&wrong) == 0, "{wrong:?}");
-    assert_eq!(told(&crossed.with_lower_bound(bound(0.47, 0.03))), 1);
+    assert!(wrong.notes.iter().any(|note| note.contains("one of them is wrong")) && warnings(&wrong) == 0, "{wrong:?}");
+    assert_eq!(warnings(&crossed.with_lower_bound(bound(0.47, 0.03))), 1);
     let none =
         Estimate::new(&[trial(-0.01, 1, Protocol::Default)], provenance()).unwrap().with_lower_bound(bound(0.0, 0.0));
-    assert!(told(&none) == 1 && none.notes.iter().any(|note| note.contains("is negative")), "{:?}", none.notes);
+    assert!(warnings(&none) == 1 && none.notes.iter().any(|note| note.contains("is negative")), "{:?}", none.notes);
 }
 
 #[test]

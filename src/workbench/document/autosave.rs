@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_files_are_passed_over_and_a_full_disk_is_told() {
+    fn broken_files_are_passed_over_and_a_full_disk_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("1-1.json"), b"{\"design\": 3").unwrap();
         // The rest of a write that was killed is removed when it is old.

@@ -170,7 +170,7 @@ impl Evaluator {
             return Ok(Arc::clone(scene));
         }
         let newest = Cell::new(revision);
-        let mut watch = |progress: &ReadProgress| {
+        let mut on_progress = |progress: &ReadProgress| {
             on_read(progress);
             mailbox.change(|queue| queue.live_mut().busy = Some(progress.to_string()));
             // The mask may be edited while objects are read: its PSF appears at once.
@@ -185,7 +185,7 @@ impl Evaluator {
             mailbox.wake();
             cancel.check()
         };
-        let scene = Scene::open(design, &mut watch);
+        let scene = Scene::open(design, &mut on_progress);
         mailbox.change(|queue| queue.live_mut().busy = None);
         let scene = Arc::new(scene?);
         self.scene = Some(Arc::clone(&scene));
@@ -252,7 +252,7 @@ fn other_scene(
     Context { cancel, mailbox }: Context<'_>,
 ) -> Option<Result<Arc<Scene>, String>> {
     let has_given_way = Cell::new(false);
-    let mut watch = |progress: &ReadProgress| {
+    let mut on_progress = |progress: &ReadProgress| {
         report(entry, progress);
         let is_waiting = mailbox.publish(|queue| {
             queue.live_mut().busy = Some(progress.to_string());
@@ -262,7 +262,7 @@ fn other_scene(
         has_given_way.set(!cancel.is_cancelled() && progress.done < progress.total && is_waiting);
         if has_given_way.get() { ControlFlow::Break(()) } else { cancel.check() }
     };
-    let scene = Scene::open(design, &mut watch);
+    let scene = Scene::open(design, &mut on_progress);
     match scene {
         Err(_) if has_given_way.get() => None,
         scene => Some(scene.map(Arc::new).map_err(|error| error.to_string())),

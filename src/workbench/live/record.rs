@@ -341,8 +341,8 @@ mod tests {
         let closer =
             InspectionRequest { key, measurements, model: Some(live.model) }.look(&CancelToken::new()).unwrap();
         let map = closer.map.unwrap();
-        let told = map.iter().map(|&bits| f64::from(bits)).sum::<f64>() / map.len() as f64;
-        assert!((0.0..2.0).contains(&told), "{told} bits per pixel");
+        let mean = map.iter().map(|&bits| f64::from(bits)).sum::<f64>() / map.len() as f64;
+        assert!((0.0..2.0).contains(&mean), "{mean} bits per pixel");
     }
 
     #[test]

@@ -157,7 +157,7 @@ impl RunContext<'_> {
 
     fn run_one(&self, (at, start): (usize, &Start), settings: &IdealSettings) -> Result<(), EvaluationError> {
         let (mut reported, mut shown) = (Instant::now(), None);
-        let mut watch = |progress: &IdealProgress<'_>| {
+        let mut on_progress = |progress: &IdealProgress<'_>| {
             if shown.as_ref() != Some(&progress.state.array) || reported.elapsed() >= REPORT_EVERY {
                 shown = Some(progress.state.array.clone());
                 reported = Instant::now();
@@ -182,7 +182,7 @@ impl RunContext<'_> {
         };
         let mut reading = |_: &ReadProgress| self.proceed();
         let state = self.mailbox.look(|slot| slot.states[at].clone());
-        let run = run_ideal(&start.design, settings, state.as_deref(), &mut reading, &mut keep, &mut watch);
+        let run = run_ideal(&start.design, settings, state.as_deref(), &mut reading, &mut keep, &mut on_progress);
         let stopped = match run {
             Ok(record) => {
                 let record = Arc::new(record);

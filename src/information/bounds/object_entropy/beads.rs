@@ -152,7 +152,7 @@ impl BeadEntropyBound {
         let precision = check(spot, bias, patch, noise)?;
         let exact = |plane: ArrayView2<'_, f64>, places: &[(Corners, f64)]| {
             let corners: Vec<Corners> = places.iter().map(|&(corners, _)| corners).collect();
-            let counts = poisson_information(plane, bias, (self.probability, self.entropy), &corners);
+            let counts = poisson_information(plane, bias, self.probability, self.entropy, &corners);
             self.gaussian_bits(places, precision).zip(counts).map(|(gaussian, counts)| gaussian.min(counts)).sum()
         };
         Ok(self.sum(spot, patch, precision, exact))

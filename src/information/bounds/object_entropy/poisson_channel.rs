@@ -66,7 +66,8 @@ fn tail() -> f64 {
 pub(in crate::information) fn poisson_information(
     spot: ArrayView2<'_, f64>,
     bias: f64,
-    (p, entropy): (f64, f64),
+    p: f64,
+    entropy: f64,
     places: &[Corners],
 ) -> Vec<f64> {
     let log_odds = (p / (1.0 - p)).ln();
@@ -146,7 +147,7 @@ mod tests {
                     let expected = information(p, &dark, &lit, 1.0);
                     let spot = Array2::from_elem((1, 1), photons);
                     let place = AreaSums::new((1, 1), |_, _| 0.0).overlap((0, 0), (1, 1));
-                    let found = poisson_information(spot.view(), bias, (p, binary_entropy(p)), &[place])[0];
+                    let found = poisson_information(spot.view(), bias, p, binary_entropy(p), &[place])[0];
                     let case = format!("bias {bias}, photons {photons}, p {p}: {found} {expected}");
                     assert!(found > expected - 1e-9 && found < expected + 3e-7, "{case}");
                 }
@@ -167,7 +168,7 @@ mod tests {
         let expected = information(p, &both_dark, &both_lit, 1.0);
         let spot = ndarray::arr2(&[q]);
         let place = AreaSums::new((1, 2), |_, _| 0.0).overlap((0, 1), (1, 2));
-        let found = poisson_information(spot.view(), bias, (p, binary_entropy(p)), &[place])[0];
+        let found = poisson_information(spot.view(), bias, p, binary_entropy(p), &[place])[0];
         assert!((found - expected).abs() < 3e-7, "{found} {expected}");
     }
 }

@@ -63,7 +63,7 @@ fn published_settings_have_the_known_ceilings() {
 }
 
 #[test]
-fn counts_tell_no_more_than_the_gaussian_channel() {
+fn counts_have_no_more_information_than_the_gaussian_channel() {
     for bias in [0.02, 0.3, 1.0, 4.0, 10.0, 60.0] {
         for photons in [0.003, 0.05, 0.4, 1.5, 6.0, 30.0, 100.0] {
             let mut dark = poisson(bias);
@@ -82,7 +82,7 @@ fn counts_tell_no_more_than_the_gaussian_channel() {
 }
 
 #[test]
-fn blurred_counts_tell_no_more_than_the_fisher_channel() {
+fn blurred_counts_have_no_more_information_than_the_fisher_channel() {
     let mut beaten = 0;
     for sigma in [0.12, 0.3, 0.5, 1.0, 4.0] {
         for bias in [0.02, 0.5, 3.0, 10.0] {

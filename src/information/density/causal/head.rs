@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn what_single_precision_cannot_hold_is_told() {
+    fn loss_beyond_single_precision_is_reported() {
         let photons: Vec<f32> = (0..16).map(|l| l as f32).collect();
         let mut shares = vec![0.0; 16];
         shares[15] = 1e-30;

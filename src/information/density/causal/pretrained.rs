@@ -284,8 +284,8 @@ mod tests {
         changed.put_into(&mut own);
         let moved = own.weights.iter().zip(&before).zip(&by_model);
         let moved: f64 = moved.map(|((after, before), by)| f64::from(after - before) * f64::from(*by)).sum();
-        let told: f64 = gradient.iter().zip(&change).map(|(by, change)| f64::from(*by) * f64::from(*change)).sum();
-        assert!((moved - told).abs() < 1e-3 * told.abs().max(1.0), "{moved} {told}");
+        let expected: f64 = gradient.iter().zip(&change).map(|(by, change)| f64::from(*by) * f64::from(*change)).sum();
+        assert!((moved - expected).abs() < 1e-3 * expected.abs().max(1.0), "{moved} {expected}");
         // The frequencies of the levels are known for each design.
         let bias = own.layers.head.bias.clone();
         let levels = own.conditioning.levels.count();

@@ -12,6 +12,15 @@ use crate::progress::{CancelToken, Progress};
 /// Held-out patches scored between two checks for cancellation.
 const SCORED_AT_ONCE: usize = 32;
 
+/// Scores of held-out patches, bits per pixel, one per patch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PatchScores {
+    /// Information.
+    pub information: Vec<f64>,
+    /// Entropy of the noise.
+    pub entropy_y_given_x: Vec<f64>,
+}
+
 /// As [`score`], in parts; reports the number of scored patches after each.
 ///
 /// # Errors
@@ -21,38 +30,33 @@ pub fn score_with_progress(
     entropy: &NoiseEntropy,
     test: &PatchBatch,
     progress: &mut dyn Progress<usize>,
-) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
-    let total = test.noisy.len_of(Axis(0));
-    let (mut information, mut entropy_y_given_x) = (Vec::with_capacity(total), Vec::with_capacity(total));
+) -> Result<PatchScores, InformationError> {
+    let mut scores = PatchScores::default();
     for part in test.in_parts(SCORED_AT_ONCE) {
-        let (bits, entropies) = score(model, entropy, &part)?;
-        information.extend(bits);
-        entropy_y_given_x.extend(entropies);
-        if progress.report(&information.len()).is_break() {
+        let PatchScores { information, entropy_y_given_x } = score(model, entropy, &part)?;
+        scores.information.extend(information);
+        scores.entropy_y_given_x.extend(entropy_y_given_x);
+        if progress.report(&scores.information.len()).is_break() {
             return Err(InformationError::Cancelled);
         }
     }
-    Ok((information, entropy_y_given_x))
+    Ok(scores)
 }
 
-/// Information and noise entropy of every held-out patch, bits per pixel. It is `log2 p(y|x) - log2 q(y)` where clean
+/// Scores of every held-out patch. The information is `log2 p(y|x) - log2 q(y)` where clean
 /// patches are known, otherwise `-log2 q(y) - H(Y|X)` with the noisy ones as means. `entropy` is that of the model's
 /// noise.
 ///
 /// # Errors
 /// For patches of another shape or with invalid values.
-pub fn score(
-    model: &CausalModel,
-    entropy: &NoiseEntropy,
-    test: &PatchBatch,
-) -> Result<(Vec<f64>, Vec<f64>), InformationError> {
+pub fn score(model: &CausalModel, entropy: &NoiseEntropy, test: &PatchBatch) -> Result<PatchScores, InformationError> {
     let map = information_map(model, entropy, test)?;
     let information = map.outer_iter().map(|bits| bits.mean().unwrap_or(f64::NAN)).collect();
     let entropy_y_given_x = match &test.clean {
         Some(clean) => entropy.patch_bits(clean.view())?,
         None => entropy.patch_bits(test.noisy.mapv(|y| y.max(0.0)).view())?,
     };
-    Ok((information, entropy_y_given_x))
+    Ok(PatchScores { information, entropy_y_given_x })
 }
 
 /// Information that each pixel of held-out patches adds to the pixels before it, bits; shape of the patches. The mean over

@@ -66,11 +66,11 @@ mod tests {
 
     #[test]
     fn software_drivers_are_no_cards() {
-        let told = |found: &[&str]| check_cards(found, &"software").map_err(|error| error.to_string());
-        assert_eq!(told(&["card"]), Ok(()));
-        assert_eq!(told(&["software", "card"]), Ok(()));
-        let refused = told(&["software", "software"]).unwrap_err();
+        let checked = |found: &[&str]| check_cards(found, &"software").map_err(|error| error.to_string());
+        assert_eq!(checked(&["card"]), Ok(()));
+        assert_eq!(checked(&["software", "card"]), Ok(()));
+        let refused = checked(&["software", "software"]).unwrap_err();
         assert!(refused.contains("only a software driver") && refused.contains("engine cpu"), "{refused}");
-        assert!(told(&[]).unwrap_err().contains("no graphics driver"));
+        assert!(checked(&[]).unwrap_err().contains("no graphics driver"));
     }
 }

@@ -43,17 +43,17 @@ impl BurnEngine {
 
     /// Runs `work` and turns a panic of the device into an error: burn's devices panic where memory or drivers fail.
     fn guarded<T>(&self, work: impl FnOnce() -> Result<T, String>) -> Result<T, InformationError> {
-        let told = match catch_unwind(AssertUnwindSafe(work)) {
+        let message = match catch_unwind(AssertUnwindSafe(work)) {
             Ok(Ok(value)) => return Ok(value),
-            Ok(Err(told)) => told,
+            Ok(Err(message)) => message,
             Err(panic) => {
                 let text = panic.downcast_ref::<String>().map(String::as_str);
                 text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
             }
         };
         // The lines after the first name the place in the libraries.
-        let told = told.lines().next().unwrap_or_default();
-        let reason = format!("{told}; check its driver and free memory, or choose the engine cpu");
+        let message = message.lines().next().unwrap_or_default();
+        let reason = format!("{message}; check its driver and free memory, or choose the engine cpu");
         Err(InformationError::Engine { engine: self.choice, reason })
     }
 
