@@ -33,7 +33,7 @@ mod tests {
     fn only_one_is_singular() {
         assert_eq!(counted(1, "lenslet"), "1 lenslet");
         assert_eq!(counted(0, "bead"), "0 beads");
-        assert_eq!(counted(2_usize, "whole float picture"), "2 whole float pictures");
+        assert_eq!(counted(2_usize, "whole float image"), "2 whole float images");
         assert_eq!(counted(21_u64, "test patch"), "21 test patches");
         assert_eq!((counted(2, "pass"), counted(2, "box")), ("2 passes".into(), "2 boxes".into()));
         assert_eq!((counted(3, "entropy"), counted(3, "array")), ("3 entropies".into(), "3 arrays".into()));

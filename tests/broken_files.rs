@@ -38,7 +38,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     packer.finish().unwrap()
 }
 
-fn picture(format: ImageFormat, colour: ColorType) -> Vec<u8> {
+fn image(format: ImageFormat, colour: ColorType) -> Vec<u8> {
     let bytes: Vec<u8> = (0..7 * 6 * usize::from(colour.bytes_per_pixel())).map(|index| (index * 37) as u8).collect();
     let mut file = Cursor::new(Vec::new());
     image::write_buffer_with_format(&mut file, &bytes, 7, 6, colour, format).unwrap();
@@ -71,10 +71,10 @@ fn valid_files() -> Vec<Vec<u8>> {
         idx(),
         gzip(&idx()),
         vec![3; 3073],
-        picture(ImageFormat::Png, ColorType::L8),
-        picture(ImageFormat::Png, ColorType::Rgba16),
-        picture(ImageFormat::Jpeg, ColorType::Rgb8),
-        picture(ImageFormat::Bmp, ColorType::Rgb8),
+        image(ImageFormat::Png, ColorType::L8),
+        image(ImageFormat::Png, ColorType::Rgba16),
+        image(ImageFormat::Jpeg, ColorType::Rgb8),
+        image(ImageFormat::Bmp, ColorType::Rgb8),
         tiff(),
         packed_tiff(),
         br#"{"format": "lenslet-studio", "values": [1.5, null, "text"]}"#.to_vec(),

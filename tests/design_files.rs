@@ -47,10 +47,10 @@ fn version_1_opens_with_every_value() {
     );
     assert_eq!(diffuser.objects, ObjectSource::Idx("train images.gz".into()));
 
-    let picture = Design::open(&data("design-v1-picture.json")).unwrap();
-    let Encoder::Image(image) = &picture.encoder else { panic!("{:?}", picture.encoder) };
+    let imported = Design::open(&data("design-v1-picture.json")).unwrap();
+    let Encoder::Image(image) = &imported.encoder else { panic!("{:?}", imported.encoder) };
     assert_eq!((image.origin.as_str(), image.psf.dim(), image.psf[[1, 2]]), ("camera.tiff", (2, 3), 0.375));
-    assert_eq!((picture.objects, picture.noise), (ObjectSource::Stack("scenes.npy".into()), Noise::None));
+    assert_eq!((imported.objects, imported.noise), (ObjectSource::Stack("scenes.npy".into()), Noise::None));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! README and documentation: links and pictures exist, and the README stays short.
+//! README and documentation: links and images exist, and the README stays short.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ fn prose(text: &str) -> String {
     blocks.map(|part| part.split('`').step_by(2).collect::<Vec<_>>().join("`")).collect::<Vec<_>>().join("\n")
 }
 
-/// Targets of the links and pictures of a page.
+/// Targets of the links and images of a page.
 fn targets(text: &str) -> Vec<String> {
     let after = prose(text);
     after.split("](").skip(1).filter_map(|rest| Some(rest.split_once(')')?.0.to_owned())).collect()
@@ -63,7 +63,7 @@ fn readme_is_short() {
 }
 
 #[test]
-fn links_and_pictures_exist() {
+fn links_and_images_exist() {
     let (mut missing, mut found) = (Vec::new(), 0);
     for page in pages() {
         let text = read(&page);

@@ -199,11 +199,11 @@ fn a_single_image_has_no_test_part() {
 #[test]
 fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
     let folder = tempfile::tempdir().unwrap();
-    let picture = |level: f32| Array2::from_shape_fn((100, 100), move |(row, col)| level * (row + col) as f32);
-    write_png8(&folder.path().join("b.png"), picture(1.0).view(), 0.0, 200.0).unwrap();
-    write_array(&folder.path().join("a.npy"), picture(0.1).view()).unwrap();
-    std::fs::write(folder.path().join("c.tif"), b"no picture").unwrap();
-    std::fs::write(folder.path().join("notes.txt"), b"no picture").unwrap();
+    let image = |level: f32| Array2::from_shape_fn((100, 100), move |(row, col)| level * (row + col) as f32);
+    write_png8(&folder.path().join("b.png"), image(1.0).view(), 0.0, 200.0).unwrap();
+    write_array(&folder.path().join("a.npy"), image(0.1).view()).unwrap();
+    std::fs::write(folder.path().join("c.tif"), b"no image").unwrap();
+    std::fs::write(folder.path().join("notes.txt"), b"no image").unwrap();
     let source = ObjectSource::Images(folder.path().to_path_buf());
     let set = ObjectSet::open(&source, &ObjectOptions::default()).unwrap();
     assert_eq!(set.base_images(), Some(2));
@@ -217,7 +217,7 @@ fn a_folder_tells_what_it_left_out_and_can_be_cancelled() {
         ObjectSet::open_with(&source, &ObjectOptions::default(), &mut |_: &ReadProgress| ControlFlow::Break(()));
     assert!(matches!(cancelled, Err(ObjectError::Cancelled)));
 
-    write_array(&folder.path().join("d.npy"), picture(f32::NAN).view()).unwrap();
+    write_array(&folder.path().join("d.npy"), image(f32::NAN).view()).unwrap();
     let error = ObjectSet::open(&source, &ObjectOptions::default()).unwrap_err().to_string();
     assert!(error.contains("d.npy") && error.contains("found NaN in image 1, row 0, column 0"), "{error}");
     write_array(&folder.path().join("d.npy"), Array2::<f32>::zeros((4, 4)).view()).unwrap();

@@ -352,10 +352,10 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
 
 /// A run does not see the test images of the final comparison. Other test images leave it bit-identical.
 #[test]
-fn test_pictures_are_unseen_by_a_run() {
+fn test_images_are_unseen_by_a_run() {
     let folder = tempfile::tempdir().unwrap();
     // Each image has one bright pixel in a row of its own. Its transpose is equally bright.
-    let pictures = |turned: &[usize]| {
+    let images = |turned: &[usize]| {
         Array3::from_shape_fn((20, 27, 27), |(n, row, col)| {
             let (row, col) = if turned.contains(&n) { (col, row) } else { (row, col) };
             1.0 + ((n * 31 + row * 17 + col * 5) % 11) as f32 + if (row, col) == (n, 13) { 1000.0 } else { 0.0 }
@@ -363,7 +363,7 @@ fn test_pictures_are_unseen_by_a_run() {
     };
     let design = |name: &str, turned: &[usize]| {
         let path = folder.path().join(name);
-        write_array(&path, pictures(turned).view()).unwrap();
+        write_array(&path, images(turned).view()).unwrap();
         Design { objects: ObjectSource::Stack(path), encoder: Encoder::Lenslets(two()), ..Design::default() }
     };
     let as_they_are = design("as they are.npy", &[]);

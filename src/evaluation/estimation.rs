@@ -104,7 +104,7 @@ pub(crate) fn estimate_on_patches(
     }
     let set = Arc::new(read(design, progress)?);
     let analytic_alone = matches!(request.model, DensityModel::Analytic);
-    if analytic_alone && set.whole_pictures(Split::All).is_some() {
+    if analytic_alone && set.whole_images(Split::All).is_some() {
         return Err(EvaluationError::NotStationary { objects: design.objects.to_string() });
     }
     // Published densities took the noise as it is.
@@ -204,12 +204,12 @@ fn test_patches(source: &PatchSource<'_>, trials: &[Trial]) -> Result<TestPatche
     let smallest = trials.iter().min_by(|one, other| one.bits_per_pixel().total_cmp(&other.bits_per_pixel()));
     let Some(smallest) = smallest else { return Ok(TestPatches::default()) };
     // An analytic bound holds for all images, of which its patches are a fair sample.
-    let pictures = match smallest.settings().estimator {
+    let images = match smallest.settings().estimator {
         Estimator::GaussianAnalytic => None,
-        _ => source.pictures(smallest.patches_test(), smallest.settings().seed)?,
+        _ => source.images(smallest.patches_test(), smallest.settings().seed)?,
     };
     let information = smallest.information().to_vec();
-    Ok(TestPatches { information, pictures: pictures.map(Rc::unwrap_or_clone).unwrap_or_default() })
+    Ok(TestPatches { information, images: images.map(Rc::unwrap_or_clone).unwrap_or_default() })
 }
 
 /// What a trial gets from its estimate.

@@ -21,7 +21,7 @@ pub(crate) const LARGEST_PATCHES_BYTES: usize = 4 << 30;
 struct Shown {
     patches: usize,
     seed: u64,
-    pictures: Rc<SharedImages>,
+    images: Rc<SharedImages>,
 }
 
 /// Source of patches.
@@ -70,7 +70,7 @@ impl<'a> PatchSource<'a> {
         let first = index * self.forward.set.batch();
         let place_seed = SeedStream::Batch { first }.derive(seed);
         // Whole images come in one order, so that none comes again before all have come.
-        match self.forward.set.whole_pictures(split) {
+        match self.forward.set.whole_images(split) {
             Some(_) => Batch { first, object_seed: seed, place_seed },
             None => Batch { first: 0, object_seed: place_seed, place_seed },
         }
@@ -78,12 +78,12 @@ impl<'a> PatchSource<'a> {
 
     /// A trial with an interval that counts the base images which its test patches share ([`Trial::with_clustered_interval`]).
     pub fn with_clustered_interval(&self, trial: Trial, patches: usize, seed: u64) -> Result<Trial, EvaluationError> {
-        let pictures = self.pictures(patches, seed)?;
-        Ok(pictures.iter().fold(trial, |trial, pictures| trial.with_clustered_interval(pictures)))
+        let images = self.images(patches, seed)?;
+        Ok(images.iter().fold(trial, |trial, images| trial.with_clustered_interval(images)))
     }
 
     /// The base images that the test patches of a trial show, where their objects have any.
-    pub fn pictures(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedImages>>, EvaluationError> {
+    pub fn images(&self, patches: usize, seed: u64) -> Result<Option<Rc<SharedImages>>, EvaluationError> {
         let (set, (_, split)) = (&self.forward.set, self.splits());
         if set.base_images().is_none() {
             return Ok(None);
@@ -92,12 +92,12 @@ impl<'a> PatchSource<'a> {
         if let Some(shown) = &*self.shown.borrow()
             && (shown.patches, shown.seed) == (patches, seed)
         {
-            return Ok(Some(Rc::clone(&shown.pictures)));
+            return Ok(Some(Rc::clone(&shown.images)));
         }
         let psf = self.forward.psf(self.design)?;
-        let pictures = Rc::new(self.shared(psf.view(), split, patches, seed)?);
-        self.shown.replace(Some(Shown { patches, seed, pictures: Rc::clone(&pictures) }));
-        Ok(Some(pictures))
+        let images = Rc::new(self.shared(psf.view(), split, patches, seed)?);
+        self.shown.replace(Some(Shown { patches, seed, images: Rc::clone(&images) }));
+        Ok(Some(images))
     }
 
     /// The base images that the patches show which are drawn of a part with a seed.
@@ -115,7 +115,7 @@ impl<'a> PatchSource<'a> {
             let places =
                 Patches::one_each((self.forward.set.batch().min(patches - first), rows, cols), self.patch, place_seed)?;
             let objects = ObjectDraw { split, first: object, seed: object_seed };
-            let part = self.forward.shared_pictures(psf, self.patch, objects, &places);
+            let part = self.forward.shared_images(psf, self.patch, objects, &places);
             shared = shared.and(part.unwrap_or_default());
         }
         Ok(shared)
@@ -199,7 +199,7 @@ mod tests {
     use crate::progress::CancelToken;
 
     #[test]
-    fn intervals_know_the_pictures_that_test_patches_show() {
+    fn intervals_know_the_images_that_test_patches_show() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
         // Image k is k + 1 everywhere, as large as a tile.
@@ -222,9 +222,9 @@ mod tests {
             let count = 2 * set.batch() + 7;
             let (clean, _) = source.draw(Split::Test, count, 3, PatchRole::Test, &mut CancelToken::new()).unwrap();
             let shared = source.shared(psf.view(), Split::Test, count, 3).unwrap();
-            assert_eq!((shared.shares().len(), shared.pictures()), (count, 10));
+            assert_eq!((shared.shares().len(), shared.images()), (count, 10));
             for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
-                let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
+                let expected: f64 = shares.iter().map(|(image, share)| share * f64::from(image + 1)).sum();
                 let found = (f64::from(patch.mean().unwrap()) - 10.0) * 25.5 / 100.0;
                 assert!((found - expected).abs() < 0.15, "{found} {expected}");
             }

@@ -71,9 +71,9 @@ mod tests {
         std::fs::write(file.path(), &bytes).unwrap();
         let images = read_cifar(file.path()).unwrap();
         assert_eq!(images.pages, 2);
-        let second = images.picture(1);
+        let second = images.image(1);
         assert!((second[[1, 2]] - 21.26).abs() < 1e-5 && (second[[2, 0]] - 71.52).abs() < 1e-5);
-        assert!((second.sum() - 92.78).abs() < 1e-4 && images.picture(0).sum() == 0.0);
+        assert!((second.sum() - 92.78).abs() < 1e-4 && images.image(0).sum() == 0.0);
     }
 
     #[test]

@@ -144,7 +144,7 @@ mod tests {
         assert_eq!((plain.pages, plain.rows, plain.cols), (2, 2, 3));
         assert_eq!(plain.samples, Samples::U8((0..12).collect()));
         assert_eq!(read_idx(saved(&gzip(&bytes)).path()).unwrap(), plain);
-        assert_eq!(plain.picture(1)[[1, 2]].to_bits(), 11.0_f32.to_bits());
+        assert_eq!(plain.image(1)[[1, 2]].to_bits(), 11.0_f32.to_bits());
     }
 
     #[test]

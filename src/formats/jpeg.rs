@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_end_of_a_preview_is_not_that_of_the_picture() {
+    fn the_end_of_a_preview_is_not_that_of_the_image() {
         let start = [0xff, 0xd8];
         // A segment with a preview of four bytes, its own length included.
         let preview = [0xff, 0xe1, 0, 6, 0xff, 0xd8, 0xff, 0xd9];

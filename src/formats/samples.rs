@@ -301,7 +301,7 @@ impl PixelStack {
     ///
     /// # Panics
     /// If `page` is not below `pages`.
-    pub fn picture(&self, page: usize) -> Array2<f32> {
+    pub fn image(&self, page: usize) -> Array2<f32> {
         let start = page * self.rows * self.cols;
         Array2::from_shape_fn((self.rows, self.cols), |(row, col)| self.samples.value(start + row * self.cols + col))
     }
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_are_turned_as_their_orientation_says() {
+    fn images_are_turned_as_their_orientation_says() {
         // Views of an image with the rows 0 1 2 and 3 4 5, by its orientation (TIFF 6.0, tag 274).
         for (orientation, rows, cols, expected) in [
             (1, 2, 3, [0, 1, 2, 3, 4, 5]),

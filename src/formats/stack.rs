@@ -7,10 +7,10 @@ use ndarray::Array2;
 use super::bytes::magic;
 use super::kind::named_for_what_it_is;
 use super::raw_array::RawArray;
-use super::{FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, picture, tiff_pages};
+use super::{FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, raster, tiff_pages};
 
 /// Least length of the first two axes of a colour image, exclusive. A stack of a few narrow pages is not a colour image.
-const COLOUR_PICTURE_PX: usize = 4;
+const COLOUR_IMAGE_PX: usize = 4;
 /// Kinds of files that are read, for error sentences.
 const KINDS: &str = "an NPY, NPZ, TIFF, PNG, JPEG, BMP or IDX file";
 
@@ -55,7 +55,7 @@ pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
     if stack.pages == 0 {
         return Err(FormatError::malformed(path, "an image", "none", "save the image again as PNG or TIFF"));
     }
-    Ok(stack.picture(0))
+    Ok(stack.image(0))
 }
 
 fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
@@ -67,7 +67,7 @@ fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
         _ if is_npy => from_array(file, npy::read_raw(path)?)?,
         _ if is_archive => from_array(file, npz::read_raw(path, file.meaning.key.as_deref())?)?,
         [b'I', b'I', 42 | 43, 0] | [b'M', b'M', 0, 42 | 43] => tiff_pages::read_equal_pages(file)?,
-        [0x89, b'P', b'N', b'G'] | [0xFF, 0xD8, 0xFF, _] | [b'B', b'M', ..] => picture::read_page(file)?,
+        [0x89, b'P', b'N', b'G'] | [0xFF, 0xD8, 0xFF, _] | [b'B', b'M', ..] => raster::read_page(file)?,
         [0, 0, _, 3] => idx::read_images(file)?,
         [0x1f, 0x8b, ..] if idx::is_packed_images(path) => idx::read_images(file)?,
         _ => return Err(named_for_what_it_is(path, KINDS)),
@@ -104,7 +104,7 @@ impl Axes {
             axes.pop();
         }
         axes.retain(|&axis| Some(axis) != chosen);
-        let is_wide = |one: usize, other: usize| shape[one].min(shape[other]) > COLOUR_PICTURE_PX;
+        let is_wide = |one: usize, other: usize| shape[one].min(shape[other]) > COLOUR_IMAGE_PX;
         let is_known = meaning.channel.is_some();
         let is_colour = |axis: usize| matches!(shape[axis], 3 | 4) || (is_known && shape[axis] == 2);
         let axes = match axes[..] {

@@ -9,7 +9,7 @@ use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::{ColorType, TiffError};
 
 use super::bytes::{open, read_values};
-use super::picture::{LARGEST_PICTURE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
+use super::raster::{LARGEST_IMAGE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
 use super::tiff_directory::{Directories, PageTags, StoredValues, photometric, unread_compression};
 use super::{Channel, FormatError, ImageFile, PixelStack, Samples};
 use crate::plural::{counted, one_or_many};
@@ -26,7 +26,7 @@ pub fn read_pages(path: &Path) -> Result<Vec<Array2<f32>>, FormatError> {
     let file = ImageFile::find(path)?;
     let mut pages = Vec::new();
     for_each_page(&file, |stack| {
-        pages.extend((0..stack.pages).map(|page| stack.picture(page)));
+        pages.extend((0..stack.pages).map(|page| stack.image(page)));
         Ok(())
     })?;
     Ok(pages)
@@ -72,9 +72,9 @@ fn for_each_page(
     let (file, length) = open(path)?;
     let directories = Directories::read(&mut BufReader::new(&file));
     // Several pages may share one strip, so the sum over all pages is limited too.
-    let mut left = most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES.max(length.saturating_mul(64)));
+    let mut left = most_unpacked_bytes(length).min(LARGEST_IMAGE_BYTES.max(length.saturating_mul(64)));
     let mut limits = Limits::default();
-    limits.decoding_buffer_size = LARGEST_PICTURE_BYTES.min(left) as usize;
+    limits.decoding_buffer_size = LARGEST_IMAGE_BYTES.min(left) as usize;
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
     let reader = StoredValues::new(&file, &directories).map_err(|error| FormatError::from_read(path, error))?;
     let tags_of = |index: usize| directories.pages.get(index).cloned().unwrap_or_default();
@@ -90,7 +90,7 @@ fn for_each_page(
             let bytes = u64::from(width)
                 .saturating_mul(u64::from(height))
                 .saturating_mul(u64::from(colour.num_samples()) * u64::from(colour.bit_depth()).div_ceil(8));
-            if width.max(height) > LONGEST_SIDE_PX || bytes > left.min(LARGEST_PICTURE_BYTES) {
+            if width.max(height) > LONGEST_SIDE_PX || bytes > left.min(LARGEST_IMAGE_BYTES) {
                 let expected = format!("at most {LONGEST_SIDE_PX} px a side and as many bytes as the file can hold");
                 let found = format!("a page of {height} x {width} px");
                 return Err(FormatError::malformed(path, expected, found, "crop or scale it first"));

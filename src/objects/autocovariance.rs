@@ -168,11 +168,11 @@ mod tests {
     #[test]
     fn autocorrelation_is_that_of_the_double_loop() {
         let (rows, cols, count, max_lag) = (5_usize, 7_usize, 35_usize, 6_usize);
-        let picture = |index: usize, row: usize, col: usize| ((index * 31 + row * 17 + col * 5) % 13) as f64 - 3.0;
+        let image = |index: usize, row: usize, col: usize| ((index * 31 + row * 17 + col * 5) % 13) as f64 - 3.0;
         let fast = summed_autocorrelation(count, (rows, cols), max_lag, |index, store| {
             for row in 0..rows {
                 for col in 0..cols {
-                    store(row, col, picture(index, row, col));
+                    store(row, col, image(index, row, col));
                 }
             }
         });
@@ -183,7 +183,7 @@ mod tests {
                     for col in 0..cols {
                         let (r, c) = ((row + lag_row).wrapping_sub(max_lag), (col + lag_col).wrapping_sub(max_lag));
                         if r < rows && c < cols {
-                            sum += picture(index, row, col) * picture(index, r, c);
+                            sum += image(index, row, col) * image(index, r, c);
                         }
                     }
                 }

@@ -249,22 +249,22 @@ mod tests {
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 
-    fn picture(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
+    fn image(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
         let samples = Samples::F32((0..rows * cols).map(|pixel| value(pixel / cols, pixel % cols)).collect());
         PixelStack::new(1, rows, cols, samples)
     }
 
     #[test]
     fn scaling_keeps_levels_orientation_and_the_middle() {
-        let flat = fit(picture(270, 480, |_, _| 300.0), (96, 96)).picture(0);
+        let flat = fit(image(270, 480, |_, _| 300.0), (96, 96)).image(0);
         assert!(flat.dim() == (96, 96) && flat.iter().all(|value| (value - 300.0).abs() < 1e-3));
         // A ramp along the columns stays a ramp: 270 px scale to 96, and the middle column stays in the middle.
-        let ramp = fit(picture(270, 480, |_, col| col as f32), (96, 96)).picture(0);
+        let ramp = fit(image(270, 480, |_, col| col as f32), (96, 96)).image(0);
         let slope = (ramp[[50, 80]] - ramp[[50, 16]]) / 64.0;
         assert!((slope - 270.0 / 96.0).abs() < 0.01, "{slope}");
         assert!((f32::midpoint(ramp[[10, 47]], ramp[[10, 48]]) - 239.5).abs() < 0.01);
         assert!((ramp[[10, 30]] - ramp[[90, 30]]).abs() < 1e-3);
-        let tall = fit(picture(1, 30_000, |_, _| 2.0), (96, 64)).picture(0);
+        let tall = fit(image(1, 30_000, |_, _| 2.0), (96, 64)).image(0);
         assert!(tall.dim() == (96, 64) && (tall.sum() - 2.0 * 96.0 * 64.0).abs() < 1.0);
     }
 
@@ -279,23 +279,23 @@ mod tests {
         assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
         assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
         assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
-        let float = || item(picture(20, 20, |_, _| 0.5), (96, 96));
+        let float = || item(image(20, 20, |_, _| 0.5), (96, 96));
         let report = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
         assert!(report.starts_with("1 of 3 files holds values without a range"), "{report}");
         assert_eq!((mixed_levels(&mut [float(), float()]), mixed_levels(&mut [shallow(20), deep(9)])), (None, None));
     }
 
     #[test]
-    fn small_pictures_are_tiles_unless_a_large_one_is_among_them() {
-        let small = || item(picture(48, 20, |_, _| 1.0), (96, 96));
-        let large = || item(picture(49, 20, |_, _| 1.0), (96, 96));
+    fn small_images_are_tiles_unless_a_large_one_is_among_them() {
+        let small = || item(image(48, 20, |_, _| 1.0), (96, 96));
+        let large = || item(image(49, 20, |_, _| 1.0), (96, 96));
         assert!(matches!(combine(vec![small(), small()], (96, 96)), Loaded::Tiles(tiles) if tiles.len() == 2));
         let Loaded::Whole(whole) = combine(vec![small(), large()], (96, 96)) else { panic!("tiles") };
         assert_eq!((whole.pages, whole.rows, whole.cols, whole.samples.len()), (2, 96, 96, 2 * 96 * 96));
     }
 
     #[test]
-    fn pictures_that_memory_cannot_hold_are_refused_before_they_are_scaled() {
+    fn images_that_memory_cannot_hold_are_refused_before_they_are_scaled() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("many.npy");
         let pages = MOST_FITTED_PIXELS / (96 * 96) + 1;
@@ -309,9 +309,9 @@ mod tests {
     fn notices_of_many_files_stay_few() {
         let folder = tempfile::tempdir().unwrap();
         for number in 0..12 {
-            let mut picture = Array2::from_elem((8, 8), 50.0_f32);
-            picture[[0, 0]] = -0.01;
-            crate::formats::write_array(&folder.path().join(format!("{number}.npy")), picture.view()).unwrap();
+            let mut image = Array2::from_elem((8, 8), 50.0_f32);
+            image[[0, 0]] = -0.01;
+            crate::formats::write_array(&folder.path().join(format!("{number}.npy")), image.view()).unwrap();
         }
         let set =
             ObjectSet::open(&ObjectSource::Images(folder.path().to_path_buf()), &ObjectOptions::default()).unwrap();

@@ -12,10 +12,10 @@ mod mosaic;
 mod set;
 mod source;
 mod split;
-mod whole;
+mod whole_images;
 
 pub use beads::BeadPrior;
 pub use error::ObjectError;
-pub use set::{ObjectOptions, ObjectSet, PlacedPicture, ReadProgress};
+pub use set::{ObjectOptions, ObjectSet, PlacedImage, ReadProgress};
 pub use source::ObjectSource;
 pub use split::Split;

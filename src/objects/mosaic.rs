@@ -198,7 +198,7 @@ mod tests {
         assert!((mosaic.mean_tile(&[0, 1, 2]).mean().unwrap() - 100.0).abs() < 1e-9);
         let mut object = Array2::zeros((96, 96));
         mosaic.draw(&mut Split::All.generator(0, 0), &[1], object.view_mut());
-        let source = images(3, 28, 28).picture(1);
+        let source = images(3, 28, 28).image(1);
         for ((row, col), &photons) in object.indexed_iter() {
             let (row, col) = ((row % 32).wrapping_sub(2), (col % 32).wrapping_sub(2));
             let counts = source.get((row, col)).copied().unwrap_or(0.0);

@@ -17,7 +17,7 @@ use super::clean::clean;
 use super::load::{Loaded, load};
 use super::mosaic::Mosaic;
 use super::split::Parts;
-use super::whole::WholePictures;
+use super::whole_images::WholeImages;
 use super::{BeadPrior, ObjectError, ObjectSource, Split};
 
 /// Longest side of an image that is made into mosaics, px.
@@ -100,14 +100,14 @@ pub(super) fn report_read(progress: &mut dyn Progress<ReadProgress>, step: &Read
 enum Content {
     Beads(Beads),
     Mosaic(Mosaic, Parts),
-    Whole(WholePictures, Parts),
+    Whole(WholeImages, Parts),
 }
 
 /// A base image within an object. Its tile may reach beyond the object.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PlacedPicture {
+pub struct PlacedImage {
     /// Number of the base image in the set.
-    pub picture: u32,
+    pub image: u32,
     /// Rows of the object that its tile covers.
     pub rows: Range<isize>,
     /// Columns of the object that its tile covers.
@@ -171,7 +171,7 @@ impl ObjectSet {
         let (field, mean) = match &content {
             Content::Beads(beads) => (beads.field(), beads.mean()),
             Content::Mosaic(..) => (options.field, mean),
-            Content::Whole(pictures, _) => (pictures.field(), mean),
+            Content::Whole(images, _) => (images.field(), mean),
         };
         let fingerprint = fingerprint(source, &content, field, mean);
         if let Some(understood) = &report.understood {
@@ -234,12 +234,12 @@ impl ObjectSet {
         match &self.content {
             Content::Beads(_) => None,
             Content::Mosaic(mosaic, _) => Some(mosaic.images()),
-            Content::Whole(pictures, _) => Some(pictures.images()),
+            Content::Whole(images, _) => Some(images.images()),
         }
     }
 
     /// Number of whole images in one part; `None` where objects are drawn without limit.
-    pub fn whole_pictures(&self, split: Split) -> Option<usize> {
+    pub fn whole_images(&self, split: Split) -> Option<usize> {
         match &self.content {
             Content::Whole(_, parts) => Some(parts.members(split).len()),
             Content::Beads(_) | Content::Mosaic(..) => None,
@@ -293,8 +293,8 @@ impl ObjectSet {
                 let (images, tile) = (counted(mosaic.images(), "image"), mosaic.tile());
                 format!("mosaics of {images} in tiles of {tile} x {tile} px, {end}")
             }
-            Content::Whole(pictures, _) => {
-                format!("{}, {end}", counted(pictures.images(), "whole image"))
+            Content::Whole(images, _) => {
+                format!("{}, {end}", counted(images.images(), "whole image"))
             }
         }
     }
@@ -331,7 +331,7 @@ impl ObjectSet {
         let members = match &self.content {
             Content::Beads(_) => Vec::new(),
             Content::Mosaic(_, parts) => parts.members(split).to_vec(),
-            Content::Whole(_, parts) => WholePictures::order(parts.members(split), split, seed),
+            Content::Whole(_, parts) => WholeImages::order(parts.members(split), split, seed),
         };
         if let (Some(images), true) = (self.base_images(), members.is_empty()) {
             return Err(ObjectError::EmptySplit { split, source_name: self.source.to_string(), images });
@@ -347,7 +347,7 @@ impl ObjectSet {
                 match &self.content {
                     Content::Beads(beads) => beads.draw(&mut generator, plane),
                     Content::Mosaic(mosaic, _) => mosaic.draw(&mut generator, &members, plane),
-                    Content::Whole(pictures, _) => pictures.copy(members[index % members.len()] as usize, plane),
+                    Content::Whole(images, _) => images.copy(members[index % members.len()] as usize, plane),
                 }
             }
         });
@@ -356,13 +356,7 @@ impl ObjectSet {
 
     /// Base images in objects `first` to `first + count - 1` of those that [`ObjectSet::objects`] draws, with their
     /// places. `None` for beads, which are new in each object.
-    pub fn pictures_from(
-        &self,
-        split: Split,
-        first: usize,
-        count: usize,
-        seed: u64,
-    ) -> Option<Vec<Vec<PlacedPicture>>> {
+    pub fn images_from(&self, split: Split, first: usize, count: usize, seed: u64) -> Option<Vec<Vec<PlacedImage>>> {
         let objects = first..first.saturating_add(count);
         match &self.content {
             Content::Beads(_) => None,
@@ -371,11 +365,7 @@ impl ObjectSet {
                 let tiles = |index: usize| {
                     let mut generator = split.generator(seed, index as u64);
                     let tiles = mosaic.tiles(&mut generator, members, self.field).into_iter();
-                    tiles.map(|(picture, row, col)| PlacedPicture {
-                        picture,
-                        rows: row..row + side,
-                        cols: col..col + side,
-                    })
+                    tiles.map(|(image, row, col)| PlacedImage { image, rows: row..row + side, cols: col..col + side })
                 };
                 Some(if members.is_empty() {
                     Vec::new()
@@ -384,10 +374,10 @@ impl ObjectSet {
                 })
             }
             Content::Whole(_, parts) => {
-                let order = WholePictures::order(parts.members(split), split, seed);
+                let order = WholeImages::order(parts.members(split), split, seed);
                 let (rows, cols) = (self.field.0 as isize, self.field.1 as isize);
                 let whole =
-                    |index: usize| PlacedPicture { picture: order[index % order.len()], rows: 0..rows, cols: 0..cols };
+                    |index: usize| PlacedImage { image: order[index % order.len()], rows: 0..rows, cols: 0..cols };
                 Some(if order.is_empty() { Vec::new() } else { objects.map(|index| vec![whole(index)]).collect() })
             }
         }
@@ -413,7 +403,7 @@ impl ObjectSet {
         match &self.content {
             Content::Beads(beads) => beads.autocovariance(max_lag),
             Content::Mosaic(mosaic, parts) => mosaic.autocovariance(parts.members(split), max_lag),
-            Content::Whole(pictures, parts) => pictures.autocovariance(parts.members(split), max_lag),
+            Content::Whole(images, parts) => images.autocovariance(parts.members(split), max_lag),
         }
     }
 
@@ -472,9 +462,9 @@ fn whole(path: &Path, stack: PixelStack, mean: f64) -> Result<Content, ObjectErr
         let found = format!("{} x {} px", stack.rows, stack.cols);
         return Err(FormatError::malformed(path, expected, found, "crop or shrink them").into());
     }
-    let pictures = WholePictures::new(stack, mean).ok_or_else(|| dark(path))?;
-    let parts = Parts::new(pictures.images());
-    Ok(Content::Whole(pictures, parts))
+    let images = WholeImages::new(stack, mean).ok_or_else(|| dark(path))?;
+    let parts = Parts::new(images.images());
+    Ok(Content::Whole(images, parts))
 }
 
 fn dark(path: &Path) -> FormatError {
@@ -500,9 +490,9 @@ fn fingerprint(source: &ObjectSource, content: &Content, field: (usize, usize), 
             hasher.update(b"mosaic");
             mosaic.hash_into(&mut hasher);
         }
-        Content::Whole(pictures, _) => {
+        Content::Whole(images, _) => {
             hasher.update(b"whole");
-            pictures.hash_into(&mut hasher);
+            images.hash_into(&mut hasher);
         }
     }
     hasher.finalize().to_hex().to_string()

@@ -68,9 +68,9 @@ impl ObjectSource {
         };
         let name = file.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         let ends = |endings: &[&str]| endings.iter().any(|ending| name.ends_with(ending));
-        let is_picture = file.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);
+        let is_image = file.is_dir() || ends(&[".png", ".jpg", ".jpeg", ".bmp"]);
         let path = path.to_path_buf();
-        if is_picture {
+        if is_image {
             Self::Images(path)
         } else if ends(&[".npy", ".npz", ".tif", ".tiff"]) {
             Self::Stack(path)
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_guessed_from_and_folders_hold_pictures() {
+    fn names_are_guessed_from_and_folders_hold_images() {
         let folder = tempfile::tempdir().unwrap();
         let photos = folder.path().join("idx_photos");
         std::fs::create_dir(&photos).unwrap();

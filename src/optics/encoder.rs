@@ -49,10 +49,10 @@ impl Encoder {
     /// # Errors
     /// [`LensletError`] where a lenslet array cannot be rendered.
     pub fn psf(&self, planes: usize) -> Result<Array3<f64>, LensletError> {
-        let on_first_plane = |picture: Array2<f64>| {
-            let (rows, cols) = picture.dim();
+        let on_first_plane = |image: Array2<f64>| {
+            let (rows, cols) = image.dim();
             let mut psf = Array3::zeros((planes, rows, cols));
-            psf.index_axis_mut(Axis(0), 0).assign(&picture);
+            psf.index_axis_mut(Axis(0), 0).assign(&image);
             psf
         };
         match self {
@@ -114,8 +114,8 @@ impl TryFrom<PsfImageRecord> for PsfImage {
             return Err(format!("the PSF of {} has rows of different lengths", record.origin));
         }
         let values = record.psf.into_iter().flatten().collect();
-        let picture = Array2::from_shape_vec((rows, cols), values).map_err(|error| error.to_string())?;
-        let psf = normalised_psf(picture, &record.origin).map_err(|error: PsfError| error.to_string())?;
+        let image = Array2::from_shape_vec((rows, cols), values).map_err(|error| error.to_string())?;
+        let psf = normalised_psf(image, &record.origin).map_err(|error: PsfError| error.to_string())?;
         Ok(Self { psf, origin: record.origin })
     }
 }
@@ -127,8 +127,8 @@ mod tests {
 
     #[test]
     fn every_encoder_returns_from_json_as_it_went() {
-        let picture = Array2::from_shape_fn((5, 7), |(row, col)| (row * 7 + col) as f32 / 3.0);
-        let psf = normalised_psf(picture, "x").unwrap();
+        let image = Array2::from_shape_fn((5, 7), |(row, col)| (row * 7 + col) as f32 / 3.0);
+        let psf = normalised_psf(image, "x").unwrap();
         for encoder in [
             Encoder::Lenslets(heuristic_layout(9)),
             Encoder::Diffuser(Diffuser { aperture_px: 16, seed: 3 }),
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ragged_picture_is_refused() {
+    fn a_ragged_image_is_refused() {
         let text = r#"{"kind":"image","origin":"x","psf":[[1,2],[3]]}"#;
         let error = serde_json::from_str::<Encoder>(text).unwrap_err().to_string();
         assert!(error.contains("rows of different lengths"), "{error}");

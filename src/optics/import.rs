@@ -115,48 +115,48 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSu
         return Err(PsfError::Several { origin, found: stack.pages });
     }
     let understood = ImageSummary::of(&stack);
-    let picture = stack.picture(0);
-    check_pixels(picture.view(), &origin)?;
+    let image = stack.image(0);
+    check_pixels(image.view(), &origin)?;
     if let Some(side) = side.filter(|&side| side > LensletArray::MAX_SIDE) {
         return Err(PsfError::Shape { origin, rows: side, cols: side });
     }
-    let picture = match side {
-        Some(side) if side > 0 && !picture.is_empty() => resample_square(picture.view(), side),
-        _ => picture,
+    let image = match side {
+        Some(side) if side > 0 && !image.is_empty() => resample_square(image.view(), side),
+        _ => image,
     };
-    Ok((PsfImage { psf: normalised_psf(picture, &origin)?, origin }, understood))
+    Ok((PsfImage { psf: normalised_psf(image, &origin)?, origin }, understood))
 }
 
 /// Checks an image and scales it to sum 1. `origin` names it in messages.
 ///
 /// # Errors
 /// [`PsfError`] where the image is empty, too large, dark, or has a pixel that is negative or not finite.
-pub fn normalised_psf(picture: Array2<f32>, origin: &str) -> Result<Array2<f32>, PsfError> {
-    let (rows, cols) = picture.dim();
+pub fn normalised_psf(image: Array2<f32>, origin: &str) -> Result<Array2<f32>, PsfError> {
+    let (rows, cols) = image.dim();
     let side = 1..=LensletArray::MAX_SIDE;
     if !side.contains(&rows) || !side.contains(&cols) {
         return Err(PsfError::Shape { origin: origin.into(), rows, cols });
     }
-    check_pixels(picture.view(), origin)?;
-    let sum: f64 = picture.iter().map(|&value| f64::from(value)).sum();
+    check_pixels(image.view(), origin)?;
+    let sum: f64 = image.iter().map(|&value| f64::from(value)).sum();
     if sum <= 0.0 {
         return Err(PsfError::Dark { origin: origin.into() });
     }
     // A PSF that already sums to 1 within rounding stays unchanged, so that saving and opening changes no bit.
-    if (sum - 1.0).abs() < 1e-6 { Ok(picture) } else { Ok(picture.map(|&value| (f64::from(value) / sum) as f32)) }
+    if (sum - 1.0).abs() < 1e-6 { Ok(image) } else { Ok(image.map(|&value| (f64::from(value) / sum) as f32)) }
 }
 
 /// Checks that light is finite and not negative.
-fn check_pixels(picture: ArrayView2<'_, f32>, origin: &str) -> Result<(), PsfError> {
-    match picture.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
+fn check_pixels(image: ArrayView2<'_, f32>, origin: &str) -> Result<(), PsfError> {
+    match image.indexed_iter().find(|(_, value)| !(value.is_finite() && **value >= 0.0)) {
         Some(((row, col), &value)) => Err(PsfError::Pixel { origin: origin.into(), row, col, value }),
         None => Ok(()),
     }
 }
 
-/// The central square of `picture` resampled to `side` x `side` pixels, each the mean of the area it covers.
-fn resample_square(picture: ArrayView2<'_, f32>, side: usize) -> Array2<f32> {
-    let (rows, cols) = picture.dim();
+/// The central square of `image` resampled to `side` x `side` pixels, each the mean of the area it covers.
+fn resample_square(image: ArrayView2<'_, f32>, side: usize) -> Array2<f32> {
+    let (rows, cols) = image.dim();
     let square = rows.min(cols);
     let (top, left) = ((rows - square) / 2, (cols - square) / 2);
     let step = square as f64 / side as f64;
@@ -165,7 +165,7 @@ fn resample_square(picture: ArrayView2<'_, f32>, side: usize) -> Array2<f32> {
         let (from, to) = (target as f64 * step, (target + 1) as f64 * step);
         ((to.min(source as f64 + 1.0) - from.max(source as f64)).max(0.0) / step) as f32
     });
-    let middle = picture.slice(ndarray::s![top..top + square, left..left + square]);
+    let middle = image.slice(ndarray::s![top..top + square, left..left + square]);
     overlaps.dot(&middle).dot(&overlaps.t())
 }
 
@@ -175,9 +175,9 @@ mod tests {
 
     #[test]
     fn resampling_keeps_the_mean_and_the_place() {
-        let mut picture = Array2::zeros((60, 90));
-        picture[(30, 45)] = 36.0;
-        let small = resample_square(picture.view(), 10);
+        let mut image = Array2::zeros((60, 90));
+        image[(30, 45)] = 36.0;
+        let small = resample_square(image.view(), 10);
         assert_eq!(small.dim(), (10, 10));
         assert!((small[(5, 5)] - 1.0).abs() < 1e-6, "a 6x6 block with 36 has mean 1");
         assert!((small.sum() - 1.0).abs() < 1e-6);
@@ -189,9 +189,9 @@ mod tests {
     fn pixels_are_checked_before_they_are_averaged_and_one_pixel_is_a_square() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.npy");
-        let mut picture = Array2::<f32>::ones((6, 6));
-        picture[(2, 3)] = -0.5;
-        formats::write_array(&path, picture.clone().into_dyn().view()).unwrap();
+        let mut image = Array2::<f32>::ones((6, 6));
+        image[(2, 3)] = -0.5;
+        formats::write_array(&path, image.clone().into_dyn().view()).unwrap();
         let message = import_psf(&path, Some(2)).unwrap_err().to_string();
         assert!(message.contains("-0.5 at row 2, column 3"), "{message}");
         formats::write_array(&path, Array2::<f32>::ones((1, 1)).into_dyn().view()).unwrap();
@@ -216,12 +216,12 @@ mod tests {
 
     #[test]
     fn what_is_not_light_is_refused_by_its_pixel() {
-        let mut picture = Array2::<f32>::ones((4, 5));
-        picture[(2, 3)] = -1.0;
-        let message = normalised_psf(picture.clone(), "p.npy").unwrap_err().to_string();
+        let mut image = Array2::<f32>::ones((4, 5));
+        image[(2, 3)] = -1.0;
+        let message = normalised_psf(image.clone(), "p.npy").unwrap_err().to_string();
         assert!(message.contains("-1 at row 2, column 3"), "{message}");
-        picture[(2, 3)] = f32::NAN;
-        assert!(matches!(normalised_psf(picture, "p.npy"), Err(PsfError::Pixel { .. })));
+        image[(2, 3)] = f32::NAN;
+        assert!(matches!(normalised_psf(image, "p.npy"), Err(PsfError::Pixel { .. })));
         assert!(matches!(normalised_psf(Array2::zeros((4, 4)), "p.npy"), Err(PsfError::Dark { .. })));
         assert!(matches!(normalised_psf(Array2::zeros((0, 4)), "p.npy"), Err(PsfError::Shape { .. })));
     }

@@ -123,8 +123,8 @@ pub fn fit_lenslets(encoder: &Encoder) -> Result<FittedLenslets, LensletFitError
     FittedLenslets::of(psf.index_axis(Axis(0), 0), FittedLenslets::MOST)
 }
 
-fn squared(picture: &Array2<f64>) -> f64 {
-    picture.iter().map(|value| value * value).sum()
+fn squared(image: &Array2<f64>) -> f64 {
+    image.iter().map(|value| value * value).sum()
 }
 
 /// The spot that explains most of an image, and the decrease of the squared error.
@@ -150,12 +150,12 @@ fn best_spot(left: &Array2<f64>) -> Option<(Lenslet, f64)> {
 }
 
 /// An image convolved with a profile along an axis, with zeros beyond its border.
-fn blurred(picture: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f64> {
-    let (length, reach) = (picture.len_of(axis), profile.len() / 2);
-    let mut blurred = Array2::zeros(picture.dim());
+fn blurred(image: &Array2<f64>, profile: &Array1<f64>, axis: Axis) -> Array2<f64> {
+    let (length, reach) = (image.len_of(axis), profile.len() / 2);
+    let mut blurred = Array2::zeros(image.dim());
     for (into, mut line) in blurred.axis_iter_mut(axis).enumerate() {
         for from in into.saturating_sub(reach)..length.min(into + reach + 1) {
-            line.scaled_add(profile[reach + from - into], &picture.index_axis(axis, from));
+            line.scaled_add(profile[reach + from - into], &image.index_axis(axis, from));
         }
     }
     blurred
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_lenslets_that_overlap_are_explained() {
+    fn images_of_lenslets_that_overlap_are_explained() {
         for seed in 1..=3 {
             let found = FittedLenslets::of(psf_of(&random_layout(25, seed)).view(), 64).unwrap();
             assert!(found.misplaced < 0.01, "{}", found.misplaced);
@@ -371,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_spots_is_refused() {
+    fn a_image_without_spots_is_refused() {
         let refused = |psf: Array2<f64>| FittedLenslets::of(psf.view(), 64).unwrap_err();
         assert_eq!(refused(Array2::zeros((8, 8))), LensletFitError::NoSpot);
         assert!(refused(Array2::ones((8, 129))).to_string().contains("at most 128 pixels a side, found 8 x 129"));

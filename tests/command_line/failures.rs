@@ -44,8 +44,8 @@ fn broken_object_files_are_named() {
     };
     let packed = gzip(&images);
     let mut tiff = Vec::new();
-    let picture = ndarray::Array3::from_elem((1, 40, 40), 3.0_f32);
-    lenslet_studio::formats::write_tiff(&bench.path("whole.tiff"), picture.view()).unwrap();
+    let image = ndarray::Array3::from_elem((1, 40, 40), 3.0_f32);
+    lenslet_studio::formats::write_tiff(&bench.path("whole.tiff"), image.view()).unwrap();
     tiff.extend(std::fs::read(bench.path("whole.tiff")).unwrap());
     let mut odd = vec![1.0; 64 * 64];
     odd[70] = f32::NAN;
@@ -104,12 +104,12 @@ fn objects_smaller_than_the_psf_are_named() {
 }
 
 #[test]
-fn folders_without_pictures_are_named() {
+fn folders_without_images_are_named() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("empty")).unwrap();
     assert_told(&bench.refused("simulate --objects images:empty --out out"), &["empty", "found none"]);
     std::fs::create_dir(bench.path("bad")).unwrap();
-    bench.write("bad/a.png", "no picture");
+    bench.write("bad/a.png", "no image");
     bench.write("bad/b.tif", "II*\0 none");
     let told = bench.refused("simulate --objects images:bad --out out");
     assert_told(&told, &["bad", "2 unreadable ones", "a.png"]);

@@ -110,14 +110,14 @@ fn colours_and_patches_without_end_are_refused() {
 }
 
 #[test]
-fn a_gaussian_that_is_not_fitted_bounds_nothing_before_whole_pictures() {
+fn a_gaussian_that_is_not_fitted_bounds_nothing_before_whole_images() {
     let bench = Bench::new();
-    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|pixel| (pixel * 7 % 251) as f32).collect();
-    bench.write("pictures.npy", npy("(12, 40, 40)", &pictures));
-    let line = "estimate --objects stack:pictures.npy --patch 4 --patches-train 60 --patches-test 20";
+    let images: Vec<f32> = (0..12 * 40 * 40).map(|pixel| (pixel * 7 % 251) as f32).collect();
+    bench.write("images.npy", npy("(12, 40, 40)", &images));
+    let line = "estimate --objects stack:images.npy --patch 4 --patches-train 60 --patches-test 20";
     let sentence = bench.refused(&format!("{line} --estimator gaussian-analytic"));
     assert!(
-        sentence.contains("stack:pictures.npy are whole images") && sentence.contains("choose gaussian"),
+        sentence.contains("stack:images.npy are whole images") && sentence.contains("choose gaussian"),
         "{sentence}"
     );
     bench.done(line);

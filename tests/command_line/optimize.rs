@@ -125,9 +125,9 @@ fn several_starts_are_ranked_by_their_scores() {
 #[test]
 fn deviations_from_the_request_are_reported() {
     let bench = Bench::new();
-    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
-    bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
-    bench.write("seen/bad.png", "no picture");
+    let images: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("seen/all.npy", npy("(12, 40, 40)", &images));
+    bench.write("seen/bad.png", "no image");
     let sizes = "--config {\"objects\":1,\"patches\":1,\"substeps\":1,\"refit_every\":1,\"first_fit\":1,\"refit\":1,\"last_fit\":1} --steps 1 --score none";
     let line = format!("optimize --start random:4 --objects images:seen --patch 66x4 {sizes} --out a");
     let output = bench.run(line.split_whitespace());

@@ -36,9 +36,9 @@ fn export_writes_one_psf_in_every_format() {
     assert!(pages.len() == 1 && pages[0] == psf);
     let peak = psf.iter().copied().fold(0.0, f32::max);
     for (name, levels) in [("a/psf.png", 255.0), ("a/psf16.png", 65535.0)] {
-        let picture = read_grey(&bench.path(name)).unwrap();
-        let apart = (&picture - &(&psf / peak * levels)).mapv(f32::abs).iter().copied().fold(0.0, f32::max);
-        assert!(picture.dim() == (32, 32) && apart <= 0.51, "{name}: {apart}");
+        let image = read_grey(&bench.path(name)).unwrap();
+        let apart = (&image - &(&psf / peak * levels)).mapv(f32::abs).iter().copied().fold(0.0, f32::max);
+        assert!(image.dim() == (32, 32) && apart <= 0.51, "{name}: {apart}");
     }
     let table = std::fs::read_to_string(bench.path("a/lenslets.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
@@ -62,10 +62,10 @@ fn an_exported_design_exports_the_same_bytes() {
             assert!(bytes(&bench, &once) == bytes(&bench, again), "{once} and {again}");
         }
     }
-    bench.done("export --mask psf:lenslets1/psf.tiff --out picture1");
-    bench.done("export picture1/design.json --out picture2");
-    assert_eq!(bytes(&bench, "picture1/psf.npy"), bytes(&bench, "lenslets1/psf.npy"));
-    assert_eq!(bytes(&bench, "picture1/design.json"), bytes(&bench, "picture2/design.json"));
+    bench.done("export --mask psf:lenslets1/psf.tiff --out image1");
+    bench.done("export image1/design.json --out image2");
+    assert_eq!(bytes(&bench, "image1/psf.npy"), bytes(&bench, "lenslets1/psf.npy"));
+    assert_eq!(bytes(&bench, "image1/design.json"), bytes(&bench, "image2/design.json"));
     assert_eq!(read_array(&bench.path("volume1/psf.npy")).unwrap().shape(), [5, 32, 32]);
     bench.done("export --mask psf:lenslets1/psf16.png@20 --out small");
     assert_eq!(array2(&bench, "small/psf.npy").dim(), (20, 20));

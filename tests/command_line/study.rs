@@ -54,11 +54,11 @@ fn a_grid_is_computed_into_one_file_and_tables() {
 }
 
 #[test]
-fn pictures_that_were_left_out_are_told() {
+fn images_that_were_left_out_are_told() {
     let bench = Bench::new();
-    let pictures: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
-    bench.write("seen/all.npy", npy("(12, 40, 40)", &pictures));
-    bench.write("seen/bad.png", "no picture");
+    let images: Vec<f32> = (0..12 * 40 * 40).map(|index| (index * 37 % 101) as f32).collect();
+    bench.write("seen/all.npy", npy("(12, 40, 40)", &images));
+    bench.write("seen/bad.png", "no image");
     let line = format!("study grid {TINY} --objects images:seen --lenslets 2 --out a");
     let printed = bench.done(&line);
     let notice = "- images:seen: 1 unreadable file was left out: bad.png";

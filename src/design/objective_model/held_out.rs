@@ -37,14 +37,14 @@ impl HeldOut {
     /// Where objects or patch allow none.
     pub fn new(forward: &ForwardModel, patch: (usize, usize), seed: u64) -> Result<Self, IdealError> {
         // An image that repeats adds no information; an interval takes two.
-        let count = forward.set.whole_pictures(Split::Test).map_or(HELD_OUT, |pictures| pictures.clamp(2, HELD_OUT));
+        let count = forward.set.whole_images(Split::Test).map_or(HELD_OUT, |images| images.clamp(2, HELD_OUT));
         let object_seed = SeedStream::HeldOutObjects.derive(seed);
         let objects = forward.set.objects(Split::Test, count, object_seed)?;
         // The mask will change: a uniform PSF stands for all of them.
         let ((field_rows, field_cols), (rows, cols)) = (forward.set.field(), forward.plan().measurement_shape());
         let flat = Array3::ones((1, field_rows + 1 - rows, field_cols + 1 - cols));
         let places = Patches::one_each((count, rows, cols), patch, SeedStream::HeldOutPlaces.derive(seed))?;
-        let shared = forward.shared_pictures(
+        let shared = forward.shared_images(
             flat.view(),
             patch,
             ObjectDraw { split: Split::Test, first: 0, seed: object_seed },

@@ -1,8 +1,9 @@
 //! I-MMSE gradient: derivative of the information about beads by the light that they leave on the sensor.
 //!
-//! Let x be the clean photons of one pixel. A little more light there changes the information by
-//! `E[log2(x / E[x | y])]` under shot noise (Atar and Weissman 2012; for vectors Wang et al. 2014). Under read noise
-//! it changes by `E[(x - E[x | y]) / sigma^2] / ln 2` (Palomar and Verdu 2006). Both depend only on the mean of the
+//! Let x be the clean photons of one pixel, and dx their change for a small change of the mask; dx depends on the beads.
+//! The information then changes by the sum over pixels of `E[dx log2(x / E[x | y])]` under shot noise (Atar and Weissman
+//! 2012; for vectors Wang et al. 2014). Under read noise it is `E[dx (x - E[x | y])] / (sigma^2 ln 2)` (Palomar and
+//! Verdú 2006). Here y is the whole measurement. Both depend only on the mean of the
 //! clean measurement given the noisy one. That mean needs only the probability of a bead at each site, which a
 //! decoder estimates. With both noises the photons count as Poisson with sigma^2 more, which has the same variance.
 

@@ -48,7 +48,7 @@ pub struct Trial {
 }
 
 /// Number of images below which a clustered interval is uncertain.
-const FEW_PICTURES: usize = 20;
+const FEW_IMAGES: usize = 20;
 
 impl Trial {
     /// A trial from the held-out patches: `cross_entropy` and `entropy_y_given_x` hold bits per pixel for each. The
@@ -128,13 +128,13 @@ impl Trial {
     /// The trial with a clustered interval, for images that several held-out patches show. The paper protocol keeps the
     /// interval of independent patches and gets a note.
     #[must_use]
-    pub fn with_clustered_interval(mut self, pictures: &SharedImages) -> Self {
-        let (found, patches) = (pictures.pictures(), self.patches_test);
+    pub fn with_clustered_interval(mut self, images: &SharedImages) -> Self {
+        let (found, patches) = (images.images(), self.patches_test);
         let published = self.settings.protocol == Protocol::Paper;
         if !published {
-            self.interval_95 = pictures.inflate_interval(&self.information, self.bits_per_pixel(), self.interval_95);
+            self.interval_95 = images.inflate_interval(&self.information, self.bits_per_pixel(), self.interval_95);
         }
-        if found < patches && (published || found < FEW_PICTURES) {
+        if found < patches && (published || found < FEW_IMAGES) {
             let note = format!(
                 "{} {} {} in all, so the interval may be too narrow",
                 counted(patches, "test patch"),

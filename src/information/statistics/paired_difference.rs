@@ -12,7 +12,7 @@ pub struct TestPatches {
     /// Bits per pixel of each patch.
     pub information: Vec<f64>,
     /// Base images of the patches; empty where they share none.
-    pub pictures: SharedImages,
+    pub images: SharedImages,
 }
 
 /// Difference of two estimates, bits per pixel.
@@ -35,14 +35,14 @@ impl PairedDifference {
     /// # Errors
     /// When a value is not finite.
     pub fn new(of: &[f64], than: &TestPatches, seed: u64) -> Result<Option<Self>, InformationError> {
-        let TestPatches { information, pictures } = than;
+        let TestPatches { information, images } = than;
         if of.len() != information.len() || of.len() < 2 {
             return Ok(None);
         }
         let differences: Vec<f64> = of.iter().zip(information).map(|(one, other)| one - other).collect();
         let mean = differences.iter().sum::<f64>() / differences.len() as f64;
         let interval = paired_interval(&differences, seed)?;
-        Ok(Some(Self { bits_per_pixel: mean, interval_95: pictures.inflate_interval(&differences, mean, interval) }))
+        Ok(Some(Self { bits_per_pixel: mean, interval_95: images.inflate_interval(&differences, mean, interval) }))
     }
 
     /// Whether the interval excludes 0.
@@ -70,7 +70,7 @@ mod tests {
             of.push(scene + 0.01 + normal(0.02));
             than.push(scene + normal(0.02));
         }
-        (of, TestPatches { information: than, pictures: SharedImages::default() })
+        (of, TestPatches { information: than, images: SharedImages::default() })
     }
 
     #[test]
@@ -100,7 +100,7 @@ mod tests {
         let effects: Vec<f64> = (0..10).map(|_| 0.02 * random.sample::<f64, _>(StandardNormal)).collect();
         let of: Vec<f64> =
             (0..200).map(|patch| effects[patch % 10] + 0.01 * random.sample::<f64, _>(StandardNormal)).collect();
-        let than = |pictures| TestPatches { information: vec![0.0; 200], pictures };
+        let than = |images| TestPatches { information: vec![0.0; 200], images };
         let width = |than: &TestPatches| {
             let [low, high] = PairedDifference::new(&of, than, 1).unwrap().unwrap().interval_95;
             high - low

@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_without_frequencies_have_no_rings() {
+    fn images_without_frequencies_have_no_rings() {
         assert!(power_spectrum(Array2::zeros((3, 90)).view()).radial.is_empty());
         assert!(power_spectrum(Array2::zeros((0, 0)).view()).radial.is_empty());
         assert!(power_spectrum(Array2::from_elem((8, 8), f32::NAN).view()).radial.is_empty());

@@ -23,8 +23,8 @@ impl SharedImages {
     pub fn new(shares: Vec<Vec<(u32, f64)>>) -> Self {
         let merged = |patch: Vec<(u32, f64)>| {
             let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
-            for (picture, share) in patch {
-                *sums.entry(picture).or_default() += share;
+            for (image, share) in patch {
+                *sums.entry(image).or_default() += share;
             }
             sums.into_iter().collect()
         };
@@ -32,8 +32,8 @@ impl SharedImages {
     }
 
     /// From patches that show one image each.
-    pub fn one_each(pictures: impl IntoIterator<Item = u32>) -> Self {
-        Self::new(pictures.into_iter().map(|picture| vec![(picture, 1.0)]).collect())
+    pub fn one_each(images: impl IntoIterator<Item = u32>) -> Self {
+        Self::new(images.into_iter().map(|image| vec![(image, 1.0)]).collect())
     }
 
     /// The numbers of the images of each patch, and their shares.
@@ -49,8 +49,8 @@ impl SharedImages {
     }
 
     /// Number of different images.
-    pub fn pictures(&self) -> usize {
-        let mut all: Vec<u32> = self.shares.iter().flatten().map(|&(picture, _)| picture).collect();
+    pub fn images(&self) -> usize {
+        let mut all: Vec<u32> = self.shares.iter().flatten().map(|&(image, _)| image).collect();
         all.sort_unstable();
         all.dedup();
         all.len()
@@ -69,18 +69,18 @@ impl SharedImages {
         let mut excess: BTreeMap<u32, f64> = BTreeMap::new();
         let mut together: BTreeMap<(u32, u32), f64> = BTreeMap::new();
         for (patch, value) in shares.iter().zip(values) {
-            for &(picture, share) in patch {
-                *light.entry(picture).or_default() += share;
-                *excess.entry(picture).or_default() += share * (value - mean);
+            for &(image, share) in patch {
+                *light.entry(image).or_default() += share;
+                *excess.entry(image).or_default() += share * (value - mean);
                 for &(other, with) in patch {
-                    *together.entry((picture, other)).or_default() += share * with;
+                    *together.entry((image, other)).or_default() += share * with;
                 }
             }
         }
         // A: the covariance of patches whose images have effects of variance 1. B: the same of differences from the mean.
         let square = |values: &mut dyn Iterator<Item = f64>| values.map(|value| value * value).sum::<f64>();
         let all = square(&mut light.values().copied());
-        let of_patch = |patch: &Vec<(u32, f64)>| patch.iter().map(|(picture, share)| share * light[picture]).sum();
+        let of_patch = |patch: &Vec<(u32, f64)>| patch.iter().map(|(image, share)| share * light[image]).sum();
         let rows = square(&mut shares.iter().map(of_patch));
         let own: f64 = shares.iter().flatten().map(|(_, share)| share * share).sum();
         let trace = own - all / n;
@@ -92,14 +92,14 @@ impl SharedImages {
         if determinant <= SINGULAR * trace_of_square * (n - 1.0) {
             return 0.0;
         }
-        let of_pictures = (form * (n - 1.0) - squares * trace) / determinant;
-        (of_pictures * (all / (n * n) - trace / (n * (n - 1.0)))).max(0.0)
+        let of_images = (form * (n - 1.0) - squares * trace) / determinant;
+        (of_images * (all / (n * n) - trace / (n * (n - 1.0)))).max(0.0)
     }
 
     /// The interval of independent patches around `mean`, widened for shared images. The variance of few images is uncertain, so
     /// Student's t is used.
     pub fn inflate_interval(&self, values: &[f64], mean: f64, [low, high]: [f64; 2]) -> [f64; 2] {
-        let quantile = student_95(self.pictures() as f64 - 1.0);
+        let quantile = student_95(self.images() as f64 - 1.0);
         let added = quantile * self.added_variance(values).sqrt();
         [mean - (mean - low).hypot(added), mean + (high - mean).hypot(added)]
     }
@@ -113,19 +113,19 @@ mod tests {
     use super::*;
 
     /// Values about 0 of patches that show two of `images` images at random shares.
-    fn drawn(pictures: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedImages, Vec<f64>) {
+    fn drawn(images: u32, patches: usize, effect: f64, random: &mut ChaCha8Rng) -> (SharedImages, Vec<f64>) {
         // Uniform numbers of variance 1.
         let mut uniform = || (random.random::<f64>() - 0.5) * 12f64.sqrt();
-        let effects: Vec<f64> = (0..pictures).map(|_| effect * uniform()).collect();
+        let effects: Vec<f64> = (0..images).map(|_| effect * uniform()).collect();
         let rests: Vec<f64> = (0..patches).map(|_| uniform()).collect();
         let shares: Vec<Vec<(u32, f64)>> = (0..patches)
             .map(|_| {
                 let first = 0.2 + 0.6 * random.random::<f64>();
-                vec![(random.random_range(0..pictures), first), (random.random_range(0..pictures), 1.0 - first)]
+                vec![(random.random_range(0..images), first), (random.random_range(0..images), 1.0 - first)]
             })
             .collect();
         let value = |(patch, rest): (&Vec<(u32, f64)>, &f64)| {
-            rest + patch.iter().map(|&(picture, share)| share * effects[picture as usize]).sum::<f64>()
+            rest + patch.iter().map(|&(image, share)| share * effects[image as usize]).sum::<f64>()
         };
         let values = shares.iter().zip(&rests).map(value).collect();
         (SharedImages::new(shares), values)
@@ -134,10 +134,10 @@ mod tests {
     #[test]
     fn inflated_intervals_cover_the_mean() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        for (pictures, effect) in [(40, 1.0), (40, 0.0), (300, 2.0)] {
+        for (images, effect) in [(40, 1.0), (40, 0.0), (300, 2.0)] {
             let (mut covered, mut narrow) = (0, 0);
             for _ in 0..400 {
-                let (shared, values) = drawn(pictures, 400, effect, &mut random);
+                let (shared, values) = drawn(images, 400, effect, &mut random);
                 let n = values.len() as f64;
                 let mean = values.iter().sum::<f64>() / n;
                 let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0);
@@ -147,8 +147,8 @@ mod tests {
                 covered += usize::from(low < 0.0 && high > 0.0);
                 narrow += usize::from(mean.abs() < half);
             }
-            assert!((368..=396).contains(&covered), "{pictures} pictures of effect {effect}: {covered} of 400");
-            assert!(effect == 0.0 || narrow < 352, "{pictures} pictures of effect {effect}: {narrow} of 400");
+            assert!((368..=396).contains(&covered), "{images} images of effect {effect}: {covered} of 400");
+            assert!(effect == 0.0 || narrow < 352, "{images} images of effect {effect}: {narrow} of 400");
         }
     }
 
@@ -158,7 +158,7 @@ mod tests {
         assert_eq!(SharedImages::one_each(0..5).added_variance(&values), 0.0);
         assert_eq!(SharedImages::one_each([7; 5]).added_variance(&values), 0.0);
         assert_eq!(SharedImages::default().added_variance(&values), 0.0);
-        assert_eq!(SharedImages::one_each([7, 8, 7]).and(SharedImages::one_each([9])).pictures(), 3);
+        assert_eq!(SharedImages::one_each([7, 8, 7]).and(SharedImages::one_each([9])).images(), 3);
     }
 
     #[test]

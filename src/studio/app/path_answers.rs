@@ -34,7 +34,7 @@ impl State {
             PathPurpose::ExportView { image, limits, colormap, .. } => {
                 Job::ExportView { image, limits, colormap, path }
             }
-            PathPurpose::ExportPanel { image, .. } => Job::ExportPicture { image, path },
+            PathPurpose::ExportPanel { image, .. } => Job::ExportImage { image, path },
             PathPurpose::ExportRecord(record) => Job::ExportRecord { record, path },
             PathPurpose::ExportLive(record) => Job::ExportLive { record, path, for_command: false },
             PathPurpose::ExportCurve { curve, .. } => Job::ExportCurve { curve, path },

@@ -203,7 +203,7 @@ mod tests {
     #[test]
     fn large_steps_stay_within_their_memory_and_the_newest_can_be_undone() {
         const SIDE: usize = 1024;
-        let pictured = |number: u64| {
+        let imaged = |number: u64| {
             let mut psf = ndarray::Array2::zeros((SIDE, SIDE));
             psf[(number as usize, 0)] = 1.0;
             let encoder = Encoder::Image(PsfImage { psf, origin: "camera.tiff".into() });
@@ -214,23 +214,23 @@ mod tests {
         let count = (2 * BYTES / (SIDE * SIDE * size_of::<f32>())) as u64;
         let mut history = History::default();
         for number in 0..count {
-            history.note(pictured(number), format!("Import {number}"), None);
+            history.note(imaged(number), format!("Import {number}"), None);
             assert!(takes(&history.past) <= BYTES);
             assert_eq!(history.undoes(), Some(&*format!("Import {number}")));
         }
         let kept = history.past.len() as u64;
         assert!(kept > count / 4 && kept < count, "{kept} of {count}");
-        let mut present = pictured(count);
+        let mut present = imaged(count);
         for number in (count - kept..count).rev() {
             present = history.undo(present).unwrap();
             assert_eq!(present.number, number);
-            assert!(present.design == pictured(number).design, "{number} comes back as it was");
+            assert!(present.design == imaged(number).design, "{number} comes back as it was");
             assert!(takes(&history.past) + takes(&history.future) <= BYTES);
         }
         assert!(history.undo(present.clone()).is_none(), "what is older is gone");
         for number in count - kept + 1..=count {
             present = history.redo(present).unwrap();
-            assert!(present.number == number && present.design == pictured(number).design);
+            assert!(present.number == number && present.design == imaged(number).design);
         }
     }
 }

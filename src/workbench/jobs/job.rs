@@ -103,7 +103,7 @@ pub enum Job {
         path: PathBuf,
     },
     /// Writes a coloured image.
-    ExportPicture {
+    ExportImage {
         /// Shape (rows, cols, 3).
         image: Array3<u8>,
         /// The file.
@@ -247,7 +247,7 @@ impl Job {
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
             Self::ExportView { path, .. }
-            | Self::ExportPicture { path, .. }
+            | Self::ExportImage { path, .. }
             | Self::ExportRecord { path, .. }
             | Self::ExportLive { path, .. }
             | Self::ExportCurve { path, .. } => {
@@ -306,7 +306,7 @@ impl Job {
                 colormap.write_png(image.view(), *limits, path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
-            Self::ExportPicture { image, path } => {
+            Self::ExportImage { image, path } => {
                 write_png_rgb(path, image.view()).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }

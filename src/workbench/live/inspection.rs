@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_middle_of_large_pictures_is_taken() {
+    fn the_middle_of_large_images_is_taken() {
         let image = Array2::from_shape_fn((600, 20), |(row, col)| (100 * row + col) as f32);
         let part = middle(image.view());
         assert_eq!(part.dim(), (512, 20));

@@ -141,7 +141,7 @@ impl<'a> LiveProblem<'a> {
     fn shared(&self, count: usize) -> Result<SharedImages, InformationError> {
         let stream = self.stream(Split::Test);
         let (first, more) = self.parts(count);
-        let of = |(count, seed): (usize, u64)| stream.shared_pictures(self.forward, self.psf.view(), count, seed);
+        let of = |(count, seed): (usize, u64)| stream.shared_images(self.forward, self.psf.view(), count, seed);
         let some = of(first)?.unwrap_or_default();
         Ok(if more.0 == 0 { some } else { some.and(of(more)?.unwrap_or_default()) })
     }

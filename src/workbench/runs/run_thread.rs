@@ -197,8 +197,8 @@ mod tests {
     #[test]
     fn scores_are_reproducible_by_a_command() {
         let beads = Design::default();
-        let pictures = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
-        for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (pictures, "causal", LIVE_STEPS)] {
+        let images = Design { objects: ObjectSource::Idx("digits".into()), ..Design::default() };
+        for (design, estimator, steps) in [(beads, "bracket", BRACKET_STEPS), (images, "causal", LIVE_STEPS)] {
             let request = score_request(&design, Some((32, 32)));
             assert_eq!(request.model.length(), Some(FitLength::Steps(steps)));
             let command = estimate_command(&design, &request).unwrap();

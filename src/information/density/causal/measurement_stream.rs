@@ -9,7 +9,7 @@ use super::stream::{PatchBatch, PatchStream};
 use crate::forward::{ForwardError, ForwardModel};
 use crate::information::error::InformationError;
 use crate::information::statistics::shared_images::SharedImages;
-use crate::objects::{ObjectSet, PlacedPicture, Split};
+use crate::objects::{ObjectSet, PlacedImage, Split};
 use crate::seeds::SeedStream;
 use crate::sensor::{Convolver, Noise, Patches, SensorError};
 
@@ -36,7 +36,7 @@ pub struct ObjectDraw {
 impl ForwardModel {
     /// Base images that patches at `places` show through a point spread function of shape (planes, rows, cols). The
     /// measurements are those of `objects`; `None` for beads.
-    pub fn shared_pictures(
+    pub fn shared_images(
         &self,
         psf: ArrayView3<'_, f64>,
         patch: (usize, usize),
@@ -45,14 +45,14 @@ impl ForwardModel {
     ) -> Option<SharedImages> {
         let corners = places.corners();
         let objects = corners.iter().map(|corner| corner.0 + 1).max().unwrap_or(0);
-        let pictures = self.set.pictures_from(split, first, objects, seed)?;
+        let images = self.set.images_from(split, first, objects, seed)?;
         let footprint = Footprint::new(psf.index_axis(Axis(0), 0), patch);
         let shown = |&(object, row, col): &(usize, usize, usize)| {
-            let light = |placed: &PlacedPicture| (placed.picture, footprint.light(placed, (row, col)));
-            let light: Vec<(u32, f64)> = pictures[object].iter().map(light).collect();
+            let light = |placed: &PlacedImage| (placed.image, footprint.light(placed, (row, col)));
+            let light: Vec<(u32, f64)> = images[object].iter().map(light).collect();
             let all: f64 = light.iter().map(|(_, light)| light).sum();
             let seen = light.into_iter().filter(|&(_, light)| light > LEAST_SHARE * all);
-            seen.map(|(picture, light)| (picture, light / all)).collect()
+            seen.map(|(image, light)| (image, light / all)).collect()
         };
         Some(SharedImages::new(corners.iter().map(shown).collect()))
     }
@@ -103,7 +103,7 @@ impl Footprint {
     }
 
     /// Light of a base image in a patch with this corner.
-    fn light(&self, placed: &PlacedPicture, (row, col): (usize, usize)) -> f64 {
+    fn light(&self, placed: &PlacedImage, (row, col): (usize, usize)) -> f64 {
         let (rows, cols) = (self.above.nrows() as isize - 1, self.above.ncols() as isize - 1);
         let span = |range: &Range<isize>, corner: usize, length: isize| {
             let at = |place: isize| (place - corner as isize).clamp(0, length) as usize;
@@ -157,7 +157,7 @@ impl MeasurementStream {
     ///
     /// # Errors
     /// As [`PatchStream::draw`].
-    pub fn shared_pictures(
+    pub fn shared_images(
         &self,
         forward: &ForwardModel,
         psf: ArrayView3<'_, f64>,
@@ -167,7 +167,7 @@ impl MeasurementStream {
         let (rows, cols) = self.convolver.plan().measurement_shape();
         let places = Patches::one_each((count, rows, cols), self.patch, seed);
         let places = places.map_err(|error| InformationError::Stream { reason: error.to_string() })?;
-        Ok(forward.shared_pictures(psf, self.patch, ObjectDraw { split: self.split, first: 0, seed }, &places))
+        Ok(forward.shared_images(psf, self.patch, ObjectDraw { split: self.split, first: 0, seed }, &places))
     }
 
     /// Patches at `places` of the measurements of a number of objects of a seed. They are drawn in parts: few large
@@ -214,7 +214,7 @@ mod tests {
     use ndarray::s;
 
     /// Mosaics of twelve images as large as a tile, of which number k is k + 1 everywhere.
-    fn twelve_pictures() -> ObjectSet {
+    fn twelve_images() -> ObjectSet {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
         let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 12, 0, 0, 0, 32, 0, 0, 0, 32];
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn few_images_are_not_fitted_to_alone() {
-        let set = twelve_pictures();
+        let set = twelve_images();
         let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let convolver = forward.convolver(render_psf(&heuristic_layout(3), 1).unwrap().view()).unwrap();
         let (stream, validation) = forward.fitting(&convolver, (20, 26), 5).unwrap();
@@ -235,8 +235,8 @@ mod tests {
         assert_eq!(validation.noisy, held_out.draw_one_each(VALIDATION_PATCHES, 5).unwrap().noisy);
         assert_eq!(stream.split, Split::Fit);
         let shown = |split| {
-            let objects = set.pictures_from(split, 0, 60, 5).unwrap();
-            objects.iter().flatten().map(|placed| placed.picture).collect::<std::collections::BTreeSet<_>>()
+            let objects = set.images_from(split, 0, 60, 5).unwrap();
+            objects.iter().flatten().map(|placed| placed.image).collect::<std::collections::BTreeSet<_>>()
         };
         let (fit, validation) = (shown(Split::Fit), shown(Split::Validation));
         assert!(fit.is_disjoint(&validation) && validation.len() == 1);
@@ -247,17 +247,17 @@ mod tests {
     }
 
     #[test]
-    fn the_light_of_a_patch_is_that_of_the_pictures_it_shows() {
-        let (set, psf) = (twelve_pictures(), render_psf(&heuristic_layout(3), 1).unwrap());
+    fn the_light_of_a_patch_is_that_of_the_images_it_shows() {
+        let (set, psf) = (twelve_images(), render_psf(&heuristic_layout(3), 1).unwrap());
         let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let stream = forward.stream(forward.convolver(psf.view()).unwrap(), Split::All, (20, 26));
         // More than one batch.
         let count = set.batch() + 40;
         let clean = stream.draw_one_each(count, 5).unwrap().clean.unwrap();
-        let shared = stream.shared_pictures(&forward, psf.view(), count, 5).unwrap().unwrap();
-        assert_eq!(shared.pictures(), 12);
+        let shared = stream.shared_images(&forward, psf.view(), count, 5).unwrap().unwrap();
+        assert_eq!(shared.images(), 12);
         for (patch, shares) in clean.outer_iter().zip(shared.shares()) {
-            let expected: f64 = shares.iter().map(|(picture, share)| share * f64::from(picture + 1)).sum();
+            let expected: f64 = shares.iter().map(|(image, share)| share * f64::from(image + 1)).sum();
             let found = f64::from(patch.mean().unwrap()) - 10.0;
             // What is left out of the shares is a thousandth of the light of each image.
             assert!((found - expected).abs() < 0.02, "{found} {expected}");

@@ -16,7 +16,7 @@ use super::{CompleteFile, FormatError, ImageFile, PixelStack, Samples, complete_
 /// Longest side of an image, px.
 pub(super) const LONGEST_SIDE_PX: u32 = 32_768;
 /// Largest memory of an unpacked image, bytes.
-pub(super) const LARGEST_PICTURE_BYTES: u64 = 1 << 30;
+pub(super) const LARGEST_IMAGE_BYTES: u64 = 1 << 30;
 const ADVICE: &str = "save the image again as PNG or TIFF";
 
 /// Largest number of bytes that the pixels of a packed file of `length` bytes may take.
@@ -50,11 +50,11 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
     limits.max_image_height = Some(LONGEST_SIDE_PX);
-    limits.max_alloc = Some(LARGEST_PICTURE_BYTES);
+    limits.max_alloc = Some(LARGEST_IMAGE_BYTES);
     reader.limits(limits);
     let mut decoder = reader.into_decoder().map_err(damaged)?;
     let (width, height) = decoder.dimensions();
-    if decoder.total_bytes() > most_unpacked_bytes(length).min(LARGEST_PICTURE_BYTES) {
+    if decoder.total_bytes() > most_unpacked_bytes(length).min(LARGEST_IMAGE_BYTES) {
         let found = format!("{width} x {height} px in {length} bytes");
         return Err(FormatError::malformed(path, "an image as large as its header says", found, ADVICE));
     }
@@ -86,63 +86,63 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written, has no pixel, or `high` is not above `low`.
-pub fn write_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
-    complete_png8(path, picture, low, high)?.put_in_place()
+pub fn write_png8(path: &Path, image: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    complete_png8(path, image, low, high)?.put_in_place()
 }
 
 /// [`write_png8`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png8`].
-pub fn complete_png8(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
-    let bytes = levels(path, picture, low, high, 255.0)?.map(|level| level as u8).collect::<Vec<_>>();
-    complete_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L8)
+pub fn complete_png8(path: &Path, image: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
+    let bytes = levels(path, image, low, high, 255.0)?.map(|level| level as u8).collect::<Vec<_>>();
+    complete_png(path, &bytes, image.ncols(), image.nrows(), ExtendedColorType::L8)
 }
 
 /// Writes a 16-bit grey PNG: `low` becomes 0, `high` 65535, values beyond are clipped and NaN is 0.
 ///
 /// # Errors
 /// As [`write_png8`].
-pub fn write_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
-    complete_png16(path, picture, low, high)?.put_in_place()
+pub fn write_png16(path: &Path, image: ArrayView2<f32>, low: f32, high: f32) -> Result<(), FormatError> {
+    complete_png16(path, image, low, high)?.put_in_place()
 }
 
 /// [`write_png16`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png8`].
-pub fn complete_png16(path: &Path, picture: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
-    let levels = levels(path, picture, low, high, 65_535.0)?;
+pub fn complete_png16(path: &Path, image: ArrayView2<f32>, low: f32, high: f32) -> Result<CompleteFile, FormatError> {
+    let levels = levels(path, image, low, high, 65_535.0)?;
     // The encoder takes 16-bit samples in the byte order of the machine.
     let bytes = levels.flat_map(|level| (level as u16).to_ne_bytes()).collect::<Vec<_>>();
-    complete_png(path, &bytes, picture.ncols(), picture.nrows(), ExtendedColorType::L16)
+    complete_png(path, &bytes, image.ncols(), image.nrows(), ExtendedColorType::L16)
 }
 
 /// Writes an 8-bit colour PNG of shape (rows, cols, 3).
 ///
 /// # Errors
 /// [`FormatError::NotWritten`] if it cannot be written, has no pixel or the last axis is not 3.
-pub fn write_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<(), FormatError> {
-    complete_png_rgb(path, picture)?.put_in_place()
+pub fn write_png_rgb(path: &Path, image: ArrayView3<u8>) -> Result<(), FormatError> {
+    complete_png_rgb(path, image)?.put_in_place()
 }
 
 /// [`write_png_rgb`] without the final renaming.
 ///
 /// # Errors
 /// As [`write_png_rgb`].
-pub fn complete_png_rgb(path: &Path, picture: ArrayView3<u8>) -> Result<CompleteFile, FormatError> {
-    let (rows, cols, channels) = picture.dim();
+pub fn complete_png_rgb(path: &Path, image: ArrayView3<u8>) -> Result<CompleteFile, FormatError> {
+    let (rows, cols, channels) = image.dim();
     if channels != 3 {
         let source = io::Error::new(io::ErrorKind::InvalidInput, format!("{channels} colours instead of 3"));
         return Err(FormatError::from_write(path, source));
     }
-    complete_png(path, &picture.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
+    complete_png(path, &image.iter().copied().collect::<Vec<_>>(), cols, rows, ExtendedColorType::Rgb8)
 }
 
 /// Values as whole levels of 0 to `top`, as `f32`, row by row.
 fn levels<'a>(
     path: &Path,
-    picture: ArrayView2<'a, f32>,
+    image: ArrayView2<'a, f32>,
     low: f32,
     high: f32,
     top: f32,
@@ -152,7 +152,7 @@ fn levels<'a>(
         let source = io::Error::new(io::ErrorKind::InvalidInput, format!("grey levels from {low} to {high}"));
         return Err(FormatError::from_write(path, source));
     }
-    Ok(picture.into_iter().map(move |value| ((value - low) / span * top).round().clamp(0.0, top)))
+    Ok(image.into_iter().map(move |value| ((value - low) / span * top).round().clamp(0.0, top)))
 }
 
 fn complete_png(
@@ -187,10 +187,10 @@ mod tests {
     fn grey_pngs_read_back_as_levels() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let picture = arr2(&[[0.0, 0.5, 1.0], [-3.0, 9.0, f32::NAN]]);
-        write_png8(&path, picture.view(), 0.0, 1.0).unwrap();
+        let image = arr2(&[[0.0, 0.5, 1.0], [-3.0, 9.0, f32::NAN]]);
+        write_png8(&path, image.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 128.0, 255.0], [0.0, 255.0, 0.0]]));
-        write_png16(&path, picture.view(), 0.0, 1.0).unwrap();
+        write_png16(&path, image.view(), 0.0, 1.0).unwrap();
         assert_eq!(read_grey(&path).unwrap(), arr2(&[[0.0, 32768.0, 65535.0], [0.0, 65535.0, 0.0]]));
         assert_eq!(read_stack(&path).unwrap().samples, Samples::U16(vec![0, 32768, 65535, 0, 65535, 0]));
     }
@@ -217,16 +217,16 @@ mod tests {
     fn colour_is_weighted_and_orientation_kept() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        let mut picture = Array3::<u8>::zeros((2, 3, 3));
-        picture[[1, 0, 1]] = 200;
-        write_png_rgb(&path, picture.view()).unwrap();
+        let mut image = Array3::<u8>::zeros((2, 3, 3));
+        image[[1, 0, 1]] = 200;
+        write_png_rgb(&path, image.view()).unwrap();
         let grey = read_grey(&path).unwrap();
         assert_eq!(grey.dim(), (2, 3));
         assert!((grey[[1, 0]] - 143.04).abs() < 1e-4 && (grey.sum() - grey[[1, 0]]).abs() < 1e-6);
     }
 
     #[test]
-    fn what_cannot_be_a_picture_is_refused_before_writing() {
+    fn what_cannot_be_a_image_is_refused_before_writing() {
         let path = Path::new("never-written.png");
         assert!(write_png8(path, arr2(&[[1.0]]).view(), 1.0, 1.0).unwrap_err().to_string().contains("from 1 to 1"));
         assert!(

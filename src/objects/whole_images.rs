@@ -11,12 +11,12 @@ use super::split::Split;
 
 /// Objects of one shape and their photon scale.
 #[derive(Clone, Debug)]
-pub(super) struct WholePictures {
+pub(super) struct WholeImages {
     stack: PixelStack,
     photons_per_count: f64,
 }
 
-impl WholePictures {
+impl WholeImages {
     /// Objects with a mean of `mean` photons per pixel over the set; `None` if every pixel is 0. The pixels have been
     /// checked to be finite and not negative.
     pub(super) fn new(stack: PixelStack, mean: f64) -> Option<Self> {
@@ -95,7 +95,7 @@ mod tests {
     fn autocovariance_is_valid_and_has_the_variance_of_the_pixels() {
         let values: Vec<u16> = (0..3 * 20 * 24).map(|index: u32| ((index * 48_271) % 1009) as u16).collect();
         let stack = PixelStack::new(3, 20, 24, Samples::U16(values));
-        let set = WholePictures::new(stack.clone(), 50.0).unwrap();
+        let set = WholeImages::new(stack.clone(), 50.0).unwrap();
         let photons = stack.into_array().mapv(f64::from);
         let photons = &photons * (50.0 / photons.mean().unwrap());
         let covariance = set.autocovariance(&[0, 1, 2], 30);
@@ -104,12 +104,12 @@ mod tests {
     }
 
     #[test]
-    fn the_autocovariance_of_some_pictures_knows_nothing_of_the_others() {
+    fn the_autocovariance_of_some_images_knows_nothing_of_the_others() {
         let values: Vec<u16> = (0..3 * 12 * 12).map(|index: u32| ((index * 48_271) % 1009) as u16).collect();
         let (some, other) = (&values[..288], &values[288..]);
         let set = |parts: &[&[u16]]| {
             let values = parts.concat();
-            WholePictures::new(PixelStack::new(values.len() / 144, 12, 12, Samples::U16(values)), 50.0).unwrap()
+            WholeImages::new(PixelStack::new(values.len() / 144, 12, 12, Samples::U16(values)), 50.0).unwrap()
         };
         let bright: Vec<u16> = other.iter().map(|value| value * 30).collect();
         let alone = set(&[some]).autocovariance(&[0, 1], 6);
@@ -138,7 +138,7 @@ mod tests {
             })
             .collect();
         let stack = PixelStack::new(1, 400, 400, Samples::F32(smooth));
-        let covariance = WholePictures::new(stack, 0.5).unwrap().autocovariance(&[0], 4);
+        let covariance = WholeImages::new(stack, 0.5).unwrap().autocovariance(&[0], 4);
         let variance = 1.0 / 12.0 / 9.0;
         for (lag, expected) in [([4, 4], 9.0), ([4, 5], 6.0), ([5, 3], 4.0), ([6, 4], 3.0), ([4, 8], 0.0)] {
             let value = covariance[lag] / variance * 9.0;
