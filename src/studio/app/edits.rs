@@ -121,8 +121,11 @@ mod tests {
     use crate::forward::Design;
     use crate::studio::state::mask::MaskDrag;
 
+    /// The state in the first frame.
     fn window() -> State {
-        State::new(Session::new(Design::default(), None, || {}).unwrap())
+        let mut state = State::new(Session::new(Design::default(), None, || {}).unwrap());
+        state.load_results();
+        state
     }
 
     #[test]
