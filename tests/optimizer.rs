@@ -116,6 +116,7 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
 }
 
 #[test]
+#[ignore = "takes a minute or more; run with --ignored"]
 fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     // Every measurement of white Gaussian objects is nearly Gaussian. Its information only decreases as the lenslet
     // widens.
@@ -155,6 +156,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
 }
 
 #[test]
+#[ignore = "takes a minute or more; run with --ignored"]
 fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let set = beads(0.03);
     let forward = forward_model(&set);
@@ -194,6 +196,7 @@ fn the_published_procedure_sharpens_a_lenslet_too() {
 }
 
 #[test]
+#[ignore = "takes a minute or more; run with --ignored"]
 fn interrupted_runs_go_on_bit_for_bit() {
     let anew = IdealSettings { warm: false, ..settings() };
     for settings in [settings(), anew, up_the_posterior(), up_a_pixelcnn()] {

@@ -108,7 +108,7 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
     for part in [
         "rank correlation with the published order of 3 designs -1.00",
         "0 of 3 estimates (0 %) at most the published value + 0.02 bits per pixel, 0 by the density model alone",
-        "3 of 3 estimates above the ceiling",
+        "3 of 3 estimates above the entropy bound",
         "e/study.csv",
     ] {
         assert!(told.contains(&part.replace('/', std::path::MAIN_SEPARATOR_STR)), "{part} in {told}");
@@ -241,7 +241,7 @@ fn brackets_hold_bounds_from_both_sides_and_are_drawn() {
     let table = written(&bench, "a/study.md");
     assert!(
         table.contains(
-            "| lower bound | by the decoder | upper bound | from | density bound | Gaussian bound | ceiling |"
+            "| lower bound | by the decoder | upper bound | from | density bound | Gaussian bound | entropy bound |"
         ),
         "{table}"
     );

@@ -132,6 +132,7 @@ fn estimate_is_started_cancelled_and_kept_with_its_design() {
 }
 
 #[test]
+#[ignore = "takes a minute or more; run with --ignored"]
 fn running_estimate_resumes_in_next_window() {
     let folder = tempfile::tempdir().unwrap();
     let pending = folder.path().join("estimates/pending/order.json");

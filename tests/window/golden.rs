@@ -49,9 +49,9 @@ fn application_data_of_earlier_versions_open() {
 
 /// Run it once for each new version of a file, with `LENSLET_GOLDEN` set to a new folder of `tests/data/golden`.
 #[test]
-#[ignore = "writes golden files of the present version to the folder LENSLET_GOLDEN"]
+#[ignore = "writes golden files of the present version to the folder LENSLET_GOLDEN, if that is set"]
 fn golden_files_of_the_present_version_are_written() {
-    let target = PathBuf::from(std::env::var_os("LENSLET_GOLDEN").expect("LENSLET_GOLDEN names a folder"));
+    let Some(target) = std::env::var_os("LENSLET_GOLDEN").map(PathBuf::from) else { return };
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     menu(&mut window, &["Presets", "Heuristic lenslets", "1 lenslet"]);

@@ -162,6 +162,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes a minute or more; run with --ignored"]
     fn run_resumes_bit_for_bit_across_a_cold_fit() {
         let set = beads();
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();

@@ -313,6 +313,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes a minute or more; run with --ignored"]
     fn dark_lenslet_is_relit_where_that_gains_information_and_resumed_runs_do_the_same() {
         let set = few_beads();
         let forward = ForwardModel::new(set.clone(), (16, 16), 10.0, Noise::Shot).unwrap();

@@ -230,6 +230,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes a minute or more; run with --ignored"]
     fn live_estimates_come_out_the_same_from_their_records() {
         let folder = tempfile::tempdir().unwrap();
         let design = |count| Design { encoder: Encoder::Lenslets(heuristic_layout(count)), ..Design::default() };
@@ -267,16 +268,17 @@ mod tests {
         for last in 1..=3 {
             let mut reports = 0;
             let mut until_last = |steps: &usize| {
-                reports += usize::from(*steps == record.steps());
+                reports += usize::from(*steps == first.steps());
                 if reports < last { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             };
-            assert!(record.repeat(&mut until_last).is_err_and(|error| error.is_cancelled()));
+            assert!(first.repeat(&mut until_last).is_err_and(|error| error.is_cancelled()));
             assert_eq!(reports, last);
         }
         assert_ne!(LiveRecord::new(&one, &scene, &cold).file_name(), LiveRecord::new(&one, &scene, &warm).file_name());
     }
 
     #[test]
+    #[ignore = "takes a minute or more; run with --ignored"]
     fn estimates_of_few_images_come_out_the_same_too() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("images.idx");
@@ -300,6 +302,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "takes a minute or more; run with --ignored"]
     fn last_bounds_that_were_interrupted_come_without_another_fit() {
         let design = Design { encoder: Encoder::Lenslets(heuristic_layout(1)), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
