@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::json;
 
-use crate::evaluation::bead_bounds::{
+use crate::evaluation::bead_bound_schedule::{
     DENSITY_ABOVE, DENSITY_BETWEEN, bead_bounds, bead_channel, bound_above, scale_budget, with_pretrained_lower_bound,
 };
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};

@@ -1,6 +1,6 @@
 //! The evaluation of one design: its measurements, its bounds, and estimates that take minutes.
 
-pub(crate) mod bead_bounds;
+pub(crate) mod bead_bound_schedule;
 pub(crate) mod calibration;
 pub(crate) mod checkpoint;
 pub(crate) mod estimation;
@@ -11,7 +11,7 @@ pub(crate) mod progress;
 pub(crate) mod request;
 pub(crate) mod scene;
 
-pub use bead_bounds::pretrained_lower_bound;
+pub use bead_bound_schedule::pretrained_lower_bound;
 pub use calibration::Calibration;
 pub use checkpoint::is_checkpoint_file;
 pub use estimation::estimate;

@@ -4,12 +4,13 @@
 //! [`FormatError`] of one sentence for a file that it cannot read. Values are those of the file (counts of the camera,
 //! NaN included); the caller decides on their meaning.
 
+mod atomic_write;
+mod background_writer;
 mod bytes;
 mod cifar;
 mod document;
 mod document_folder;
 mod error;
-mod file_writer;
 mod folder;
 mod idx;
 mod image_file;
@@ -27,14 +28,17 @@ mod tiff_directory;
 mod tiff_pages;
 mod tiff_write;
 mod understood;
-mod write;
 
+pub use atomic_write::{
+    CompleteFile, NameLock, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, lock_name,
+    read_if_there, remove_if_there, write_safely,
+};
+pub use background_writer::{AfterWrite, FileContent, FileWriter};
 pub use bytes::read_bytes;
 pub use cifar::read_cifar;
 pub use document::{DocumentKind, Listed, Mismatch, content_key, json_of};
 pub use document_folder::{DocumentFolder, FoundDocuments};
 pub use error::FormatError;
-pub use file_writer::{AfterWrite, FileContent, FileWriter};
 pub use folder::image_files;
 pub use idx::read_idx;
 pub use image_file::{Channel, FrameAxis, ImageFile, Meaning, path_text, split_end, split_kind};
@@ -47,7 +51,3 @@ pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_te
 pub use tiff_pages::read_pages;
 pub use tiff_write::{PageWriter, write_tiff};
 pub use understood::{ImageSummary, Understood};
-pub use write::{
-    CompleteFile, NameLock, TEMPORARY_PREFIX, check_writable, complete_file, create_folder, lock_folder, lock_name,
-    read_if_there, remove_if_there, write_safely,
-};

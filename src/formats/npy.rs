@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 
+use super::atomic_write::{CompleteFile, SafeFile};
 use super::bytes::{open, read_values};
 use super::npy_header::{ADVICE, Element, Mismatch, NpyHeader, element_count, header_of_f32};
 use super::raw_array::RawArray;
-use super::write::{CompleteFile, SafeFile};
 use super::{FormatError, Samples, Understood};
 
 /// Reads an array file as `f32`: NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C

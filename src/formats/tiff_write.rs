@@ -9,7 +9,7 @@ use tiff::TiffError;
 use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard, colortype::Gray32Float};
 
 use super::FormatError;
-use super::write::{CompleteFile, SafeFile};
+use super::atomic_write::{CompleteFile, SafeFile};
 
 /// Size in bytes from which a file is written as BigTIFF. The offsets of a plain TIFF end at 4 GiB.
 const BIG_TIFF_BYTES: usize = 0xF000_0000;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::method::BoundMethod;
 use crate::information::ais::bound::AisBound;
-use crate::information::decoder::bound::LowerBound;
+use crate::information::decoder::lower_bound::LowerBound;
 
 /// A lower or upper bound on the information, bits per pixel, and its source.
 ///

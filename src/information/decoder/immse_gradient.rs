@@ -94,9 +94,9 @@ fn at_least(value: f64, least: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::bound::decoder_lower_bound;
     use super::super::fit::DecoderFit;
     use super::super::kind::DecoderKind;
+    use super::super::lower_bound::decoder_lower_bound;
     use super::*;
     use crate::progress::CancelToken;
     use crate::sensor::Noise;

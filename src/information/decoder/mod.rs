@@ -6,7 +6,6 @@
 //! it predicts mean and variance of every pixel and back-projects the residual to the object pixels. A small
 //! convolutional network then corrects its logits.
 
-pub(in crate::information) mod bound;
 pub(in crate::information) mod channel;
 pub(in crate::information) mod features;
 pub(in crate::information) mod file;
@@ -16,6 +15,7 @@ pub(in crate::information) mod immse_gradient;
 pub(in crate::information) mod information_gain;
 pub(in crate::information) mod kind;
 pub(in crate::information) mod layers;
+pub(in crate::information) mod lower_bound;
 pub(in crate::information) mod pass;
 pub(in crate::information) mod pretrained;
 pub(in crate::information) mod pretrained_bound;

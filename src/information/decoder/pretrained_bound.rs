@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::bound::decoder_lower_bound;
 use super::channel::BeadChannel;
 use super::fit::{DecoderFit, DecoderProgress};
 use super::information_gain::InformationGain;
 use super::kind::DecoderKind;
 use super::layers::Decoder;
+use super::lower_bound::decoder_lower_bound;
 use crate::information::error::InformationError;
 use crate::progress::Progress;
 

@@ -13,7 +13,7 @@ use crate::studio::panels::parts::{action_entry, image_menu};
 use crate::studio::state::action::{Action, Preset};
 use crate::studio::state::mtf_and_map::MtfMode;
 use crate::studio::state::pane::Pane;
-use crate::studio::state::panels::Panels;
+use crate::studio::state::panel_states::Panels;
 use crate::studio::state::request::{Request, Setting};
 use crate::studio::state::samples::{measurement_of, object_of};
 use crate::studio::state::transition::Transition;

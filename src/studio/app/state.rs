@@ -9,7 +9,7 @@ use crate::studio::state::dialogs::Dialogs;
 use crate::studio::state::edit_history::EditHistory;
 use crate::studio::state::locks::Locks;
 use crate::studio::state::messages::{Messages, Severity};
-use crate::studio::state::panels::Panels;
+use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
 use crate::studio::state::window_layout::WindowLayout;

@@ -334,7 +334,7 @@ fn live_line(view: &View<'_>, summary: &BoundSummary<'_>) -> (String, Entropies)
         Some((live, current)) => {
             let stage = match (current, live.remaining) {
                 (false, _) => "of an earlier edit".to_owned(),
-                (true, None) if live.bounding && !off && !paused => "converged; bounds refining".into(),
+                (true, None) if live.bounding && !off && !paused => "converged; AIS runs".into(),
                 (true, None) => "converged".into(),
                 (true, Some(_)) if off => "off".into(),
                 (true, Some(_)) if paused => "paused".into(),

@@ -13,7 +13,7 @@ pub mod messages;
 pub mod mtf_and_map;
 pub mod optimize;
 pub mod pane;
-pub mod panels;
+pub mod panel_states;
 pub mod path_dialog;
 pub mod preferences;
 pub mod request;

@@ -9,7 +9,7 @@ use crate::studio::canvas::image_view::ColourPalettes;
 use crate::studio::state::action::Action;
 use crate::studio::state::locks::Locks;
 use crate::studio::state::optimize::OptimizeState;
-use crate::studio::state::panels::Panels;
+use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{

@@ -114,7 +114,7 @@ pub(in crate::information) fn poisson_information(
 
 #[cfg(test)]
 mod tests {
-    use super::super::beads::binary_entropy;
+    use super::super::bead_upper_bound::binary_entropy;
     use super::super::gaussian_channel::two_point_information;
     use super::super::tests::{information, poisson};
     use super::*;

@@ -2,7 +2,7 @@
 
 use ndarray::Array3;
 
-use super::beads::{BeadEntropyBound, binary_entropy};
+use super::bead_upper_bound::{BeadEntropyBound, binary_entropy};
 use super::gaussian_channel::two_point_information;
 use crate::information::entropy::poisson_gaussian::fisher_information;
 use crate::information::error::InformationError;
