@@ -92,7 +92,8 @@ impl ForwardModel {
     /// # Errors
     /// [`DesignError`] where the mask cannot be rendered.
     pub fn psf(&self, design: &Design) -> Result<Array3<f64>, DesignError> {
-        psf_for_planes(design, &self.set)
+        let planes = self.set.planes();
+        Ok(design.psf(planes)?.slice_move(s![..planes, .., ..]))
     }
 
     /// Simulates measurements of a range of the objects through a point spread function of shape (planes, rows, cols). An object and its
@@ -139,14 +140,6 @@ impl ForwardModel {
     pub fn convolver(&self, psf: ArrayView3<'_, f64>) -> Result<Convolver, SensorError> {
         self.plan.with_psf(psf.slice(s![..self.set.planes(), .., ..]))
     }
-}
-
-/// The point spread function of a design on the planes of the objects, shape (planes, rows, cols).
-///
-/// # Errors
-/// [`DesignError`] where the mask cannot be rendered.
-pub fn psf_for_planes(design: &Design, set: &ObjectSet) -> Result<Array3<f64>, DesignError> {
-    Ok(design.psf(set.planes())?.slice_move(s![..set.planes(), .., ..]))
 }
 
 /// Mean of the measurements of a set of objects through a point spread function of shape (planes, rows, cols) with a

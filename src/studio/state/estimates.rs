@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::evaluation::{Calibration, DensityModel, EstimateRequest, WeightsFiles};
+use crate::evaluation::{Calibration, DensityModel, EstimateRequest};
 use crate::information::{EngineChoice, Estimator, Protocol};
 use crate::studio::widgets::file_preview::Preview;
 
@@ -58,14 +58,8 @@ impl EstimatesState {
     pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
         EstimateRequest {
             model,
-            protocol: Protocol::Default,
             patch: if self.whole_sensor { None } else { Some((32, 32)) },
-            patches_train: 10_000,
-            patches_test: 1_500,
-            fresh: false,
-            trials: 1,
-            keep: None,
-            weights: WeightsFiles::default(),
+            ..EstimateRequest::default()
         }
     }
 }
