@@ -4,6 +4,7 @@
 //! The test parses every file of `src` and traces each import, through re-exports, to the file that defines the item. The
 //! front page of the crate explains the floors.
 
+mod documentation;
 mod source;
 
 use std::fs;

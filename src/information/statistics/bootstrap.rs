@@ -20,7 +20,7 @@ const FIRST_STREAM: u64 = 1 << 48;
 /// either mean, independent of each other, and takes the 2.5 and 97.5 percentiles of all 100 x 100 differences. It
 /// covers the choice of test patches only, neither the training patches nor the fit. It treats the two terms as
 /// independent although they come from the same patches. Where bright patches raise both, as shot noise does, it
-/// covers more than it states (0.99 of repeated tests instead of 0.95 in `tests/known_truths.rs`). With a single
+/// covers more than it states (0.99 of repeated tests instead of 0.95 in `tests/library/known_truths.rs`). With a single
 /// patch both ends are the estimate itself.
 ///
 /// # Errors

@@ -77,7 +77,7 @@ struct Victim(Child);
 impl Victim {
     fn start(folder: &Path, first: u64, saves: u64) -> Self {
         let child = Process::new(std::env::current_exe().unwrap())
-            .args(["edits_and_saves_until_it_is_killed", "--exact", "--nocapture"])
+            .args(["crash::edits_and_saves_until_it_is_killed", "--exact", "--nocapture"])
             .env(FOLDER, folder)
             .env(FIRST, first.to_string())
             .env(SAVES, saves.to_string())

@@ -1,9 +1,7 @@
 //! Estimators and intervals against studies of known information.
 
-mod common;
-
-use common::known_truths::{GaussianField, KnownTruth, OneBead, TwoRates};
-use common::stream::StudyStream;
+use crate::known_cases::{GaussianField, KnownTruth, OneBead, TwoRates};
+use crate::study_stream::StudyStream;
 use lenslet_studio::information::PixelCnnContext;
 use lenslet_studio::information::{
     CausalRequest, Covariance, Estimator as Model, FitLength, GaussianRequest, Init, NoiseEntropy, PatchBatch,

@@ -1,11 +1,9 @@
 //! Fits of the causal density model: the states they save, and how they resume.
 
-mod common;
-
 use std::ops::ControlFlow;
 
-use common::known_truths::{GaussianField, KnownTruth, TwoRates};
-use common::stream::StudyStream;
+use crate::known_cases::{GaussianField, KnownTruth, TwoRates};
+use crate::study_stream::StudyStream;
 use lenslet_studio::information::{
     CausalFit, CausalModel, CausalRequest, Estimator, FitCheckpoint, FitLength, InformationError, Init, PatchBatch,
     PatchStream, causal_estimate, causal_model,

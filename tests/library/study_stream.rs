@@ -1,6 +1,6 @@
 //! New patches of the studies with known information.
 
-use super::known_truths::KnownTruth;
+use crate::known_cases::KnownTruth;
 use lenslet_studio::information::{InformationError, PatchBatch, PatchStream};
 
 /// Stream of new patches of a study.
