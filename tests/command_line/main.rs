@@ -7,6 +7,7 @@ mod measured;
 mod optimize;
 mod options;
 mod outputs;
+mod python;
 mod streams;
 mod study;
 

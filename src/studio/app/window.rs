@@ -46,6 +46,14 @@ pub enum WindowError {
     },
 }
 
+/// The icon of the program, as a PNG.
+const ICON: &[u8] = include_bytes!("../../../packaging/icons/lenslet-studio-128.png");
+
+/// The icon of the window. An icon that cannot be read leaves the choice to the window system.
+fn icon() -> egui::IconData {
+    eframe::icon_data::from_png_bytes(ICON).unwrap_or_default()
+}
+
 /// Opens the window with a design and returns when it is closed. `renderer` draws it, or else the renderer of the
 /// preferences. If that one does not start, the other one is used, with a message. `reset` resets layout and preferences
 /// first.
@@ -129,7 +137,8 @@ impl Opening {
                 .with_app_id("lenslet-studio")
                 .with_inner_size([1280.0, 800.0])
                 .with_min_inner_size([400.0, 300.0])
-                .with_drag_and_drop(true),
+                .with_drag_and_drop(true)
+                .with_icon(icon()),
             renderer: renderer.renderer(),
             // A failed first renderer must return, so that the second can be tried.
             run_and_return: true,
@@ -166,5 +175,16 @@ impl Opening {
             return Clipboard::OfEgui;
         }
         Clipboard::of_system()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn icon_is_read_with_its_size() {
+        let icon = icon();
+        assert_eq!((icon.width, icon.height, icon.rgba.len()), (128, 128, 4 * 128 * 128));
     }
 }

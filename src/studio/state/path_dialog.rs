@@ -9,7 +9,7 @@ use ndarray::{Array2, Array3};
 use crate::formats::path_text;
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
-    Colormap, Curve, DESIGN_FILE, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+    Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
 };
 
 /// Purpose of a path.
@@ -177,10 +177,11 @@ impl PathPurpose {
     }
 }
 
-/// A free file name for a new design: `design.json`, `design-2.json` and so on.
+/// A free file name for a new design: `design.lenslet.json`, `design-2.lenslet.json` and so on. A desktop opens files of such
+/// names with the program.
 fn free_name(folder: &Path) -> PathBuf {
-    let first = folder.join(DESIGN_FILE);
-    let others = (2..1000).map(|number| folder.join(format!("design-{number}.json")));
+    let first = folder.join("design.lenslet.json");
+    let others = (2..1000).map(|number| folder.join(format!("design-{number}.lenslet.json")));
     let free = std::iter::once(first.clone()).chain(others).find(|path| !path.exists());
     // Beyond that the user chooses.
     free.unwrap_or(first)
@@ -298,7 +299,7 @@ mod tests {
     #[test]
     pub fn a_design_without_a_file_is_offered_a_name_that_is_free() {
         let folder = tempfile::tempdir().unwrap();
-        for name in ["design.json", "design-2.json", "design-3.json"] {
+        for name in ["design.lenslet.json", "design-2.lenslet.json", "design-3.lenslet.json"] {
             assert_eq!(free_name(folder.path()), folder.path().join(name));
             std::fs::write(folder.path().join(name), b"").unwrap();
         }

@@ -1,0 +1,2 @@
+# The installed program knows its own commands.
+eval "$(lenslet-studio completions bash)"

@@ -1,0 +1,2 @@
+# The installed program knows its own commands.
+lenslet-studio completions fish | source
