@@ -1,7 +1,7 @@
 //! The `PixelCNN`: its gradients, its causality, published reference values, and known information.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use lenslet_studio::formats::read_npz_f64;
@@ -151,14 +151,13 @@ fn reference_names(name: &str) -> Vec<String> {
     vec![format!("{layer}/{part}")]
 }
 
-/// One of our tensors from the reference file: open taps only, heads side by side.
+/// One of our tensors from the reference file, as far as the file holds it: open taps only, heads side by side.
 fn reference_tensor(array: impl Fn(&str) -> ArrayD<f32>, group: &str, name: &str, shape: &[usize]) -> Vec<f32> {
     let parts: Vec<ArrayD<f32>> = reference_names(name).iter().map(|name| array(&format!("{group}/{name}"))).collect();
     let views: Vec<_> = parts.iter().map(|part| part.view()).collect();
     let joined = ndarray::concatenate(Axis(parts[0].ndim() - 1), &views).unwrap();
-    let values: Vec<f32> = joined.iter().copied().collect();
     // Row-major order (row, col, in, out): the open taps of every kernel are its first ones.
-    values[..shape.iter().product()].to_vec()
+    joined.iter().copied().take(shape.iter().product()).collect()
 }
 
 fn worst<'a>(found: impl IntoIterator<Item = &'a f32>, expected: impl IntoIterator<Item = &'a f32>) -> f64 {
@@ -170,10 +169,38 @@ fn worst<'a>(found: impl IntoIterator<Item = &'a f32>, expected: impl IntoIterat
     error / largest
 }
 
+/// A part of the reference values: weights rounded to 16 bits, the outputs of the first patch, the first values and the norm
+/// of each gradient.
 #[test]
 fn outputs_and_gradients_are_those_of_the_published_network() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/reference/pixelcnn.npz");
+    // Rounded to 16 bits, the weights move gradients: by 0.005 and 0.044 where they were exact to 0.001.
+    compare_with_published_network(&path, 1, Tolerance { weights: 1e-2, patches: 6e-2 });
+}
+
+#[test]
+fn all_outputs_and_gradients_are_those_of_the_published_network() {
     let Some(path) = reference("pixelcnn_16.npz") else { return };
-    let array = |name: &str| read_npz_f64(&path, Some(name)).unwrap().mapv(|x| x as f32);
+    compare_with_published_network(&path, 4, Tolerance { weights: 1e-3, patches: 1e-3 });
+}
+
+/// Largest error of gradients by weights and by patches, as a share of their largest value.
+struct Tolerance {
+    weights: f64,
+    patches: f64,
+}
+
+/// Compares the outputs of the first patches, the loss of all, and the gradients that the file holds.
+fn compare_with_published_network(path: &Path, patches: usize, tolerance: Tolerance) {
+    let stored = |name: &str| read_npz_f64(path, Some(name)).ok().map(|array| array.mapv(|x| x as f32));
+    let array = |name: &str| {
+        let values = stored(name).unwrap();
+        // Rounded weights are integers with a scale.
+        match name.strip_prefix("param/").and_then(|rest| stored(&format!("param_scale/{rest}"))) {
+            Some(scale) => values * scale[0],
+            None => values,
+        }
+    };
     let number = |name: &str| *array(name).iter().next().unwrap();
     let scale = DataScale {
         mean: number("mean"),
@@ -193,24 +220,36 @@ fn outputs_and_gradients_are_those_of_the_published_network() {
 
     let mixtures = model.mixtures(noisy.view()).unwrap();
     for (name, found) in [("mu", &mixtures.means), ("sigma", &mixtures.widths), ("logits", &mixtures.logits)] {
-        let error = worst(found, &array(name));
+        let expected = array(name);
+        assert_eq!(expected.len() * noisy.dim().0, found.len() * patches, "{name}");
+        let error = worst(found, &expected);
         println!("{name}: {error:.1e}");
         assert!(error < 1e-4, "{name}: {error}");
     }
     let gradients: Vec<Vec<f32>> =
         layout.tensors().iter().map(|tensor| reference_tensor(array, "grad", &tensor.name, &tensor.shape)).collect();
+    let norm_of = |name: &str| {
+        let norms = reference_names(name).into_iter().map(|name| stored(&format!("grad_norm/{name}")));
+        let squares: Option<f64> = norms.map(|norm| norm.map(|norm| f64::from(norm[0]).powi(2))).sum();
+        squares.map(f64::sqrt)
+    };
     let (expected, expected_by_patch) = (f64::from(number("loss")), array("grad_input"));
     for choice in engines() {
         let mut engine = choice.open().unwrap();
         let (loss, gradient, by_patch) = model.loss_and_gradients_on(engine.as_mut(), noisy.view()).unwrap();
         assert!((loss - expected).abs() < 1e-4 * expected, "{choice}: {loss} {expected}");
         for (tensor, expected) in layout.tensors().iter().zip(&gradients) {
-            let error = worst(&gradient[tensor.range.clone()], expected);
-            assert!(error < 1e-3, "{choice}, {}: {error}", tensor.name);
+            let found = &gradient[tensor.range.clone()];
+            let error = worst(found, expected);
+            assert!(error < tolerance.weights, "{choice}, {}: {error}", tensor.name);
+            if let Some(expected) = norm_of(&tensor.name) {
+                let norm = found.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
+                assert!((norm / expected - 1.0).abs() < 1e-3, "{choice}, {}: {norm} {expected}", tensor.name);
+            }
         }
         let error = worst(&by_patch, &expected_by_patch);
         println!("{choice}: loss {:.1e}, grad_input {error:.1e}", (loss - expected).abs() / expected);
-        assert!(error < 1e-3, "{choice}, grad_input: {error}");
+        assert!(error < tolerance.patches, "{choice}, grad_input: {error}");
         let bits = engine.cross_entropy_bits(&model, noisy.view()).unwrap();
         assert!((bits.iter().sum::<f64>() / 4.0 * std::f64::consts::LN_2 - expected).abs() < 1e-4 * expected);
     }
