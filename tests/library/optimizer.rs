@@ -209,7 +209,7 @@ fn equal_runs_are_equal_on_any_number_of_threads() {
     let set = beads(0.05);
     let forward = forward_model(&set);
     for settings in [settings(), up_the_posterior(), up_a_pixelcnn()] {
-        let settings = IdealSettings { steps: 6, ..settings };
+        let settings = IdealSettings { steps: 3, first_fit: 12, ..settings };
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let state = pool.install(|| run(&forward, &two(), settings.clone()).state().clone());
