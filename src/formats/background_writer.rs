@@ -132,14 +132,15 @@ pub struct FileWriter {
 }
 
 impl FileWriter {
-    /// A writer with a named thread that writes at most one file per `every`.
+    /// A writer with a named thread that writes at most one file per `every`. `on_attempt` is called on that thread after each attempt to
+    /// write or remove a file, when [`FileWriter::is_idle`] and [`FileWriter::take_failure`] know of it.
     ///
     /// # Errors
     /// Where the operating system provides no thread.
-    pub fn start(name: &str, every: Duration) -> io::Result<Self> {
+    pub fn start(name: &str, every: Duration, on_attempt: impl Fn() + Send + 'static) -> io::Result<Self> {
         let queue: Arc<(Mutex<Queue>, Condvar)> = Arc::default();
         let shared = Arc::clone(&queue);
-        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&shared, every))?;
+        let thread = std::thread::Builder::new().name(name.into()).spawn(move || work(&shared, every, &on_attempt))?;
         Ok(Self { queue, thread: Some(thread) })
     }
 
@@ -188,7 +189,7 @@ impl Drop for FileWriter {
 }
 
 /// Body of the thread.
-fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration) {
+fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration, on_attempt: &dyn Fn()) {
     let mut guard = lock(queue);
     loop {
         match guard.next(Instant::now(), every) {
@@ -201,8 +202,9 @@ fn work((queue, changed): &(Mutex<Queue>, Condvar), every: Duration) {
                 guard.busy = true;
                 drop(guard);
                 let (task, error) = task.run(&path);
+                lock(queue).note(path, task, error, Instant::now());
+                on_attempt();
                 guard = lock(queue);
-                guard.note(path, task, error, Instant::now());
             }
         }
     }
@@ -280,8 +282,10 @@ mod tests {
     fn what_is_left_is_written_in_the_end_without_waiting() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
-        let writer = FileWriter::start("test-writer", Duration::from_hours(1)).unwrap();
         let (sender, receiver) = std::sync::mpsc::channel();
+        let (attempt, attempts) = std::sync::mpsc::channel();
+        let on_attempt = move || attempt.send(()).unwrap();
+        let writer = FileWriter::start("test-writer", Duration::from_hours(1), on_attempt).unwrap();
         for text in ["one", "two", "three"] {
             let sender = sender.clone();
             let then: AfterWrite = Box::new(move || sender.send(text).unwrap());
@@ -291,9 +295,10 @@ mod tests {
         drop(writer);
         assert_eq!(std::fs::read(&path).unwrap(), b"three");
         assert_eq!(receiver.try_iter().last(), Some("three"));
+        assert!((2..=4).contains(&attempts.try_iter().count()), "one for each file, more where the thread was quick");
         assert!(!folder.path().join("b").exists());
         // A folder in place of a file does not keep the program from ending.
-        let writer = FileWriter::start("test-writer", EVERY).unwrap();
+        let writer = FileWriter::start("test-writer", EVERY, || ()).unwrap();
         writer.write(folder.path().to_path_buf(), Box::new(|| Some(Vec::new())), None);
         drop(writer);
     }

@@ -1,13 +1,12 @@
 //! A session: the open design and its worker.
 
+pub mod estimates;
 pub mod run_preview;
 pub mod snapshots;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::evaluation::measured::MeasuredOrder;
-use crate::evaluation::request::EstimateRequest;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
@@ -17,8 +16,6 @@ use crate::workbench::background::threads::{Threads, Wake};
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
-use crate::workbench::estimates::files::{EstimateOrder, FinishedEstimate};
-use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
@@ -45,6 +42,7 @@ pub struct Session {
     pub(crate) lenslets: u64,
     pub(crate) history: History,
     path: Option<PathBuf>,
+    wake: Wake,
     threads: Threads,
     activities: Activities,
     pub(crate) worker: Worker,
@@ -56,7 +54,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Opens `design`, which counts as saved because it can be restored. `wake` is called from the worker's thread whenever there is
+    /// Opens `design`, which counts as saved because it can be restored. `wake` is called from other threads whenever there is
     /// something new to show.
     ///
     /// # Errors
@@ -82,7 +80,8 @@ impl Session {
             history: History::default(),
             path,
             worker,
-            designer: RunThread::start_thread(wake, threads.clone(), activities.clone())?,
+            designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
+            wake,
             threads,
             activities,
             watched: RunPreview::default(),
@@ -139,65 +138,9 @@ impl Session {
         self.worker.inspect(order);
     }
 
-    /// Live estimate and ordered estimates; compare their revisions with [`Session::revision`].
-    pub fn estimates(&self) -> Estimates {
-        self.worker.estimator().estimates()
-    }
-
     /// Sets the number of computing threads, from the next computation on; none stands for one thread per core.
     pub fn set_threads(&self, count: Option<usize>) {
         self.threads.set(count);
-    }
-
-    /// Whether live estimates are computed.
-    pub fn is_live(&self) -> bool {
-        self.worker.estimator().is_live()
-    }
-
-    /// Switches live estimates on or off.
-    pub fn set_live(&self, live: bool) {
-        self.worker.estimator().set_live(live);
-    }
-
-    /// Orders an estimate of the design as it is now.
-    ///
-    /// # Errors
-    /// One sentence where too many orders wait.
-    pub fn order_estimate(&self, request: EstimateRequest) -> Result<(), String> {
-        let (design, revision) = (Arc::clone(&self.design), self.revision);
-        self.worker.estimator().order(EstimateOrder { design, revision, request, measured: None })
-    }
-
-    /// Orders an estimate of images of a camera, whose noise is that of the open design.
-    ///
-    /// # Errors
-    /// One sentence where too many orders wait.
-    pub fn order_estimate_of_images(&self, measured: MeasuredOrder, request: EstimateRequest) -> Result<(), String> {
-        let (design, revision) = (Arc::clone(self.open_design()), self.revision);
-        self.worker.estimator().order(EstimateOrder { design, revision, request, measured: Some(measured) })
-    }
-
-    /// Stores estimates in a folder and loads those in it. The interrupted one resumes.
-    ///
-    /// # Errors
-    /// Where the folder cannot be created.
-    pub fn keep_estimates_in(&self, folder: &Path) -> Result<(), FormatError> {
-        self.worker.estimator().keep_in(folder)
-    }
-
-    /// Whether the next session can resume the running estimate.
-    pub fn keeps_estimates(&self) -> bool {
-        self.worker.estimator().keeps_orders()
-    }
-
-    /// Restores the finished estimate that was deleted last to its place.
-    pub fn bring_back_estimate(&self) {
-        self.worker.estimator().bring_back();
-    }
-
-    /// Deletes a finished estimate and its file; it can be [brought back](Session::bring_back_estimate).
-    pub fn delete_estimate(&self, finished: &Arc<FinishedEstimate>) {
-        self.worker.estimator().delete(finished);
     }
 
     /// Activities that are running, waiting or finished, oldest first.
@@ -218,11 +161,6 @@ impl Session {
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
             ActivityKind::Run => self.stop_run(),
         }
-    }
-
-    /// Stops the running estimate.
-    pub fn cancel_estimate(&self) {
-        self.worker.estimator().cancel();
     }
 
     /// Applies a command to the design. An edit of the lenslets of a previewed mask accepts that mask. Every other command changes the
@@ -345,7 +283,7 @@ impl Session {
     /// # Errors
     /// Where the folder cannot be written to.
     pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
-        let (autosave, found) = Autosave::in_folder(folder)?;
+        let (autosave, found) = Autosave::in_folder(folder, Arc::clone(&self.wake))?;
         // A copy in the earlier folder stays until there is one here.
         let earlier = self.autosave.replace(autosave);
         self.earlier_autosave = self.earlier_autosave.take().or(earlier);
@@ -358,7 +296,7 @@ impl Session {
         if !folder.is_dir() {
             return Vec::new();
         }
-        Autosave::in_folder(folder).map(|(_, found)| found).unwrap_or_default()
+        Autosave::in_folder(folder, Arc::new(|| ())).map(|(_, found)| found).unwrap_or_default()
     }
 
     /// Saves the design to its autosave file, a few seconds late. To be called for every frame of the window. Returns the failure of the

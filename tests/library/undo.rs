@@ -1,5 +1,6 @@
 //! Undo and redo of whole designs, and files that arrive after their design has changed.
 
+use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
 use lenslet_studio::forward::Design;
@@ -129,12 +130,21 @@ fn lenslets_that_are_added_in_quick_succession_are_steps_of_their_own() {
     assert_eq!(session.design().encoder.lenslets().unwrap().lenslets.len(), 10);
 }
 
+/// A session, and a message for each piece of its news.
+fn heard() -> (Session, Receiver<()>) {
+    let (wake, news) = channel();
+    // The last news may come when nobody listens.
+    let session = Session::new(Design::default(), None, move || wake.send(()).unwrap_or_default()).unwrap();
+    session.set_live(false);
+    (session, news)
+}
+
 /// Answers of the worker to all requests.
-fn answers(session: &mut Session) -> Vec<Result<Outcome, String>> {
-    let mut answers = Vec::new();
+fn answers(session: &mut Session, news: &Receiver<()>) -> Vec<Result<Outcome, String>> {
+    let mut answers = session.take_outcomes();
     while session.has_open_jobs() {
+        news.recv_timeout(Duration::from_mins(1)).expect("an answer");
         answers.extend(session.take_outcomes());
-        std::thread::sleep(Duration::from_millis(2));
     }
     answers
 }
@@ -143,11 +153,11 @@ fn answers(session: &mut Session) -> Vec<Result<Outcome, String>> {
 fn a_save_that_ends_late_does_not_give_its_file_to_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("first.json");
-    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    let (mut session, news) = heard();
     session.apply(&Command::SetSeed(7)).unwrap();
     session.save_to(file.clone());
     session.start_from(Design { seed: 8, ..Design::default() });
-    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::Saved { .. })]));
+    assert!(matches!(answers(&mut session, &news)[..], [Ok(Outcome::Saved { .. })]));
     assert_eq!(Design::open(&file).unwrap().seed, 7);
     assert_eq!(session.path(), None, "the next save would overwrite the first design");
     session.apply(&Command::SetSeed(9)).unwrap();
@@ -159,14 +169,14 @@ fn a_file_that_is_read_late_does_not_take_the_place_of_edits() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("other.json");
     Design { seed: 7, ..Design::default() }.save(&file).unwrap();
-    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    let (mut session, news) = heard();
     session.open_file(file.clone());
     session.apply(&Command::SetSeed(9)).unwrap();
-    let told = answers(&mut session);
+    let told = answers(&mut session, &news);
     assert!(matches!(&told[..], [Err(reason)] if reason.contains("changed meanwhile")), "{told:?}");
     assert_eq!((session.design().seed, session.path()), (9, None));
     session.open_file(file.clone());
-    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::Opened { .. })]));
+    assert!(matches!(answers(&mut session, &news)[..], [Ok(Outcome::Opened { .. })]));
     assert_eq!((session.design().seed, session.path()), (7, Some(file.as_path())));
 }
 
@@ -175,18 +185,18 @@ fn what_is_read_late_is_not_used_for_another_design() {
     let folder = tempfile::tempdir().unwrap();
     let objects = folder.path().join("objects.npy");
     lenslet_studio::formats::write_array(&objects, ndarray::Array3::<f32>::ones((3, 96, 96)).view()).unwrap();
-    let mut session = Session::new(Design::default(), None, || {}).unwrap();
+    let (mut session, news) = heard();
     session.open_objects(ObjectSource::Stack(objects.clone()));
     let psf = folder.path().join("psf.npy");
     lenslet_studio::formats::write_array(&psf, ndarray::Array2::<f32>::ones((64, 64)).view()).unwrap();
     session.import_psf(psf, Some(32));
     session.start_from(Design { seed: 8, ..Design::default() });
-    let told = answers(&mut session);
+    let told = answers(&mut session, &news);
     assert_eq!(told.len(), 2);
     assert!(told.iter().all(|told| told.as_ref().is_err_and(|reason| reason.contains("opened meanwhile"))), "{told:?}");
     assert_eq!(**session.design(), Design { seed: 8, ..Design::default() });
     assert!(!session.is_dirty());
     session.open_objects(ObjectSource::Stack(objects.clone()));
-    assert!(matches!(answers(&mut session)[..], [Ok(Outcome::ObjectsOpened { .. })]));
+    assert!(matches!(answers(&mut session, &news)[..], [Ok(Outcome::ObjectsOpened { .. })]));
     assert_eq!(session.design().objects, ObjectSource::Stack(objects));
 }

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use egui_kittest::kittest::NodeT;
 
-use super::estimates::wait_for;
+use super::waiting::wait_for;
 use super::*;
 
 /// Variable with the folder of all programs that the test below can start. It runs in its own process, with no portal and

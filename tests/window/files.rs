@@ -1,6 +1,6 @@
 //! Files of images: their interpretation is shown before use, and can be corrected there. Files that are dropped on the window.
 
-use super::estimates::wait_for;
+use super::waiting::wait_for;
 use super::*;
 
 /// An array whose lower rows are brighter.

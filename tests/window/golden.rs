@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 
-use super::estimates::wait_for;
+use super::waiting::wait_for;
 use super::home::at_home;
 use super::{click, lenslets, menu, settle, studio, type_number};
 

@@ -1,25 +1,32 @@
 //! Data that outlive the window, and navigation in the window.
 
 use std::path::Path;
-use std::time::Duration;
 
 use egui::{Key, Modifiers, Role, Theme, Vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::forward::Design;
 
+use super::waiting::{collect_frame_requests, wait_for};
 use super::{Window, answer, click, close, lenslets, menu, open, open_sized, open_window, settle, studio, type_number};
 
 /// A window with application data in a folder, not for the first time.
 pub fn at_home(folder: &Path) -> Window {
+    at_home_sized(folder, Vec2::new(1280.0, 800.0))
+}
+
+pub fn at_home_sized(folder: &Path, size: Vec2) -> Window {
     let preferences = folder.join("preferences.json");
     if !preferences.exists() {
         std::fs::write(preferences, "{\"welcomed\": true}").unwrap();
     }
-    first_at_home(folder)
+    keep_data(open_sized(Design::default(), size), folder)
 }
 
 fn first_at_home(folder: &Path) -> Window {
-    let mut window = open(Design::default());
+    keep_data(open(Design::default()), folder)
+}
+
+fn keep_data(mut window: Window, folder: &Path) -> Window {
     let ctx = window.ctx.clone();
     window.state_mut().as_mut().unwrap().keep_data_in(&ctx, folder);
     window.state_mut().as_mut().unwrap().set_live(false);
@@ -74,24 +81,13 @@ fn kept(folder: &Path) -> usize {
     files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "json")).count()
 }
 
-fn until(window: &mut Window, done: impl Fn() -> bool) {
-    for _ in 0..2000 {
-        window.step();
-        if done() {
-            return;
-        }
-        std::thread::sleep(Duration::from_millis(5));
-    }
-    panic!("waited in vain");
-}
-
 #[test]
 fn unsaved_changes_survive_a_crash_and_are_offered() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     assert!(window.query_by_label("Recover").is_none());
     menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
-    until(&mut window, || kept(folder.path()) == 1);
+    wait_for(&mut window, "the autosave", |_| kept(folder.path()) == 1);
     // A power cut, simulated by a copy of the folder in its current state.
     let later = tempfile::tempdir().unwrap();
     std::fs::create_dir(later.path().join("unsaved")).unwrap();
@@ -114,10 +110,10 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     assert_eq!(lenslets(&window).len(), 3);
     assert!(studio(&window).session().is_dirty());
     // It is autosaved again at once, until it is saved.
-    until(&mut window, || kept(later.path()) == 1);
+    wait_for(&mut window, "the autosave", |_| kept(later.path()) == 1);
     menu(&mut window, &["File", "Save design as..."]);
     answer(&mut window, &later.path().join("mine.json"), "Save");
-    until(&mut window, || kept(later.path()) == 0);
+    wait_for(&mut window, "the removal of the autosave", |_| kept(later.path()) == 0);
 
     // It is among the recent designs of the next window.
     drop(window);
@@ -159,7 +155,7 @@ fn missing_chosen_folder_falls_back_to_default() {
     let mut window = at_home(folder.path());
     assert!(window.query_all_by_label_contains("not a folder").next().is_some(), "the failure names the folder");
     click(&mut window, "Add lenslet");
-    until(&mut window, || kept(folder.path()) == 1);
+    wait_for(&mut window, "the autosave", |_| kept(folder.path()) == 1);
 }
 
 #[test]
@@ -181,7 +177,7 @@ fn changes_in_default_folder_are_offered_with_chosen_folder() {
     settle(&mut window);
     assert_eq!(studio(&window).session().design().seed, 6, "the newest first");
     // It is autosaved in the chosen folder afterwards.
-    until(&mut window, || kept(folder.path()) == 0);
+    wait_for(&mut window, "the removal of the autosave", |_| kept(folder.path()) == 0);
     let files = std::fs::read_dir(elsewhere.path()).unwrap().map(|file| file.unwrap().path());
     assert_eq!(files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count(), 2);
 }
@@ -191,7 +187,7 @@ fn autosave_stays_until_new_folder_has_it() {
     let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let mut window = at_home(folder.path());
     click(&mut window, "Add lenslet");
-    until(&mut window, || kept(folder.path()) == 1);
+    wait_for(&mut window, "the autosave", |_| kept(folder.path()) == 1);
     window.key_press_modifiers(Modifiers::COMMAND, Key::Comma);
     window.run_steps(3);
     click(&mut window, "Choose folder...");
@@ -200,8 +196,8 @@ fn autosave_stays_until_new_folder_has_it() {
         let files = std::fs::read_dir(folder).unwrap().filter_map(|file| Some(file.ok()?.path()));
         files.filter(|file| file.extension().is_some_and(|ending| ending == "json")).count()
     };
-    until(&mut window, || there(elsewhere.path()) == 1);
-    until(&mut window, || kept(folder.path()) == 0);
+    wait_for(&mut window, "the autosave", |_| there(elsewhere.path()) == 1);
+    wait_for(&mut window, "the removal of the autosave", |_| kept(folder.path()) == 0);
     close(&mut window);
     click(&mut window, "Discard");
     drop(window);
@@ -381,6 +377,7 @@ fn design_of_command_line_is_recent() {
     let mut window: Window = builder.build_ui_state(
         move |ui, studio: &mut Option<lenslet_studio::studio::Studio>| {
             let studio = studio.get_or_insert_with(|| {
+                collect_frame_requests(ui.ctx());
                 let design = Design::open(&file).unwrap();
                 let mut studio = lenslet_studio::studio::Studio::new(ui.ctx(), design, Some(file.clone())).unwrap();
                 studio.keep_data_in(ui.ctx(), &place);

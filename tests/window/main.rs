@@ -14,6 +14,7 @@ mod panics;
 mod runs;
 mod seeing;
 mod soak;
+mod waiting;
 mod work;
 
 use std::path::Path;
@@ -25,6 +26,7 @@ use lenslet_studio::forward::Design;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet};
 use lenslet_studio::studio::Studio;
+use waiting::{collect_frame_requests, settle};
 
 /// The allocator of the program, because the soak test measures its memory.
 #[global_allocator]
@@ -60,6 +62,7 @@ fn open_drawn_by(
     let mut window = builder.with_step_dt(1.0 / 60.0).build_ui_state(
         move |ui, studio: &mut Option<Studio>| {
             let studio = studio.get_or_insert_with(|| {
+                collect_frame_requests(ui.ctx());
                 let studio = Studio::new(ui.ctx(), design.clone(), None).expect("a worker thread");
                 studio.set_live(live);
                 studio
@@ -79,20 +82,6 @@ fn studio(window: &Window) -> &Studio {
 
 fn lenslets(window: &Window) -> Vec<Lenslet> {
     studio(window).session().design().encoder.lenslets().map(|array| array.lenslets.clone()).unwrap_or_default()
-}
-
-/// Steps frames until the worker has answered everything, and one more to show it.
-fn settle(window: &mut Window) {
-    for _ in 0..200_000 {
-        window.step();
-        let session = studio(window).session();
-        if !session.is_computing() && !session.has_open_jobs() {
-            window.run_steps(3);
-            return;
-        }
-        std::thread::yield_now();
-    }
-    panic!("the worker does not come to rest");
 }
 
 fn click(window: &mut Window, name: &str) {
@@ -136,20 +125,6 @@ fn drag(window: &mut Window, from: Pos2, by: Vec2, button: egui::PointerButton) 
     }
     window.input_mut().events.push(press(false, from + by));
     window.run_steps(3);
-}
-
-/// Stops the run and the following score, and waits until the run has stopped.
-fn stop_run(window: &mut Window) {
-    let deadline = std::time::Instant::now() + std::time::Duration::from_mins(5);
-    while studio(window).session().run().is_some_and(|run| run.is_active()) && std::time::Instant::now() < deadline {
-        window.run_steps(2);
-        let label = ["Stop run", "Stop scoring"].into_iter().find(|label| window.query_by_label(label).is_some());
-        if let Some(label) = label {
-            click(window, label);
-        }
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
-    window.run_steps(4);
 }
 
 /// Turns the wheel at a place.
@@ -370,9 +345,8 @@ fn closing_asks_about_unsaved_changes() {
 fn cancelled_save_asks_again() {
     let mut window = open(Design::default());
     menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
-    for _ in 0..4 {
-        studio(&window).session().fit_lenslets();
-    }
+    // Another job is open meanwhile. It takes much longer than the frames in which the save is cancelled.
+    studio(&window).session().fit_lenslets();
     close(&mut window);
     click(&mut window, "Save");
     click(&mut window, "Cancel");

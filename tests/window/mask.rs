@@ -8,8 +8,9 @@ use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet, heuristic_layout};
 use lenslet_studio::sensor::Noise;
 
-use super::estimates::wait_for;
-use super::{Window, click, drag, lenslets, menu, open, settle, studio, turn, type_number};
+use super::runs::{TALL, shorten_run};
+use super::waiting::wait_for;
+use super::{Window, click, drag, lenslets, menu, open, open_sized, settle, studio, turn, type_number};
 
 #[test]
 fn numbers_follow_dragged_lenslet() {
@@ -283,7 +284,7 @@ fn typed_number_applies_to_selection() {
 
 #[test]
 fn locked_lenslets_stay_locked_and_unmoved() {
-    let mut window = open(Design::default());
+    let mut window = open_sized(Design::default(), TALL);
     let is_locked = |window: &Window, number: usize| {
         let name = format!("Lock lenslet {number}");
         let node = window.get_by_label(&name);
@@ -296,17 +297,14 @@ fn locked_lenslets_stay_locked_and_unmoved() {
     click(&mut window, "Delete selected");
     settle(&mut window);
     assert!(is_locked(&window, 2) && !is_locked(&window, 3), "it is the second one now");
-    click(&mut window, "Optimize");
-    click(&mut window, "Details");
-    click(&mut window, "16 px");
+    shorten_run(&mut window);
     window.get_by_label("One locked lenslet stays as it is");
     click(&mut window, "Start run");
-    wait_for(&mut window, "some steps", |window| studio(window).session().run().is_some_and(|run| run.step >= 3));
+    wait_for(&mut window, "some steps", |window| studio(window).session().run().is_some_and(|run| run.step >= 2));
     let run = studio(&window).session().run().unwrap();
     assert_eq!(run.settings.locked, [1]);
     assert_eq!((run.array.lenslets[1].x, run.array.lenslets[1].y), (kept.x, kept.y));
     assert_ne!(run.array.lenslets[0].x, run.start.encoder.lenslets().unwrap().lenslets[0].x);
-    super::stop_run(&mut window);
 }
 
 #[test]

@@ -5,16 +5,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use lenslet_studio::workbench::{ActivityState, RunStatus};
 
-use super::estimates::wait_for;
+use super::runs::{TALL, shorten_run, start_run};
+use super::waiting::wait_for;
 use super::*;
 
 /// Makes the next computation on threads of this name panic when it requests a frame for its result. This is the only
 /// window function that computations call. Returns whether the panic is still to come.
-fn break_once(window: &Window, threads: &'static str) -> Arc<AtomicBool> {
+fn break_once(window: &mut Window, threads: &'static str) -> Arc<AtomicBool> {
     // The shown computation may still be about to request its frame.
-    while studio(window).session().live().seconds == 0.0 {
-        std::thread::yield_now();
-    }
+    wait_for(window, "its end", |window| studio(window).session().live().seconds > 0.0);
     let armed = Arc::new(AtomicBool::new(true));
     let still = Arc::clone(&armed);
     window.ctx.set_repaint_observer(move |_| {
@@ -32,7 +31,7 @@ fn state(window: &Window) -> Option<ActivityState> {
 #[test]
 fn failed_edit_stays_and_next_one_is_computed() {
     let mut window = open(Design::default());
-    let armed = break_once(&window, "lenslet-computation");
+    let armed = break_once(&mut window, "lenslet-computation");
     click(&mut window, "Add lenslet");
     settle(&mut window);
     assert!(!armed.load(Ordering::SeqCst), "it has panicked");
@@ -67,7 +66,7 @@ fn unreadable_objects_leave_design_unchanged() {
     std::fs::write(&file, bytes).unwrap();
     let mut window = open(Design::default());
     let before = Arc::clone(studio(&window).session().design());
-    let armed = break_once(&window, "lenslet-computation");
+    let armed = break_once(&mut window, "lenslet-computation");
     click(&mut window, "Open objects...");
     answer(&mut window, &file, "Open");
     assert!(!armed.load(Ordering::SeqCst), "it has panicked");
@@ -85,9 +84,9 @@ fn unreadable_objects_leave_design_unchanged() {
 
 #[test]
 fn panics_of_estimates_and_runs_are_reported() {
-    let mut window = open(Design::default());
+    let mut window = open_sized(Design::default(), TALL);
     let before = Arc::clone(studio(&window).session().design());
-    break_once(&window, "lenslet-estimate");
+    break_once(&mut window, "lenslet-estimate");
     click(&mut window, "Estimates");
     click(&mut window, "Start estimate");
     let message = "an internal error stopped this estimate: no light";
@@ -101,18 +100,15 @@ fn panics_of_estimates_and_runs_are_reported() {
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "the end of it", |window| studio(window).session().estimates().running.is_none());
 
-    break_once(&window, "lenslet-run");
-    click(&mut window, "Optimize");
+    break_once(&mut window, "lenslet-run");
+    shorten_run(&mut window);
     click(&mut window, "Start run");
     let message = "an internal error stopped this run: no light";
     wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(message.into())));
     assert_eq!(studio(&window).session().run().unwrap().status, RunStatus::Failed(message.into()));
     assert!(window.query_all_by_label(message).count() >= 2, "in the strip and in the status line");
     assert_eq!(*studio(&window).session().design(), before);
-    click(&mut window, "Start run");
-    if window.query_by_label("Start new run").is_some() {
-        click(&mut window, "Start new run");
-    }
+    start_run(&mut window);
     wait_for(&mut window, "a step of the next run", |window| {
         studio(window).session().run().is_some_and(|run| !run.checkpoints.is_empty())
     });

@@ -5,7 +5,7 @@ use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::forward::Design;
 use lenslet_studio::sensor::Noise;
 
-use super::estimates::wait_for;
+use super::waiting::wait_for;
 use super::{Window, answer, click, drag, lenslets, menu, open, open_window, settle, studio, turn, type_number};
 
 /// Zoom and pixel coordinates (x, y) in the centre of an image, as assistive technology reads them.

@@ -57,7 +57,8 @@ impl AppData {
         (preferences, LAYOUT_KIND.read(&folder.join(LAYOUT)).ok().and_then(layout::restored))
     }
 
-    /// Application data in a folder whose files hold these preferences and this layout.
+    /// Application data in a folder whose files hold these preferences and this layout. `on_attempt` is called after each attempt to
+    /// write a file, because [`AppData::keep`] may then return its failure.
     ///
     /// # Errors
     /// If the folder is not writable, or no thread can be started.
@@ -65,10 +66,11 @@ impl AppData {
         folder: &Path,
         preferences: &Preferences,
         layout: Option<&Tree<Pane>>,
+        on_attempt: impl Fn() + Send + 'static,
     ) -> Result<Self, AppDataError> {
         let refused = |reason| AppDataError { folder: folder.to_owned(), reason };
         std::fs::create_dir_all(folder).and_then(|()| tempfile::tempfile_in(folder)).map_err(refused)?;
-        let writer = FileWriter::start("lenslet-app-data", Duration::ZERO).map_err(refused)?;
+        let writer = FileWriter::start("lenslet-app-data", Duration::ZERO, on_attempt).map_err(refused)?;
         Ok(Self {
             folder: folder.to_owned(),
             preferences: preferences.clone(),
@@ -201,7 +203,7 @@ mod tests {
     /// Application data in a folder, with its preferences and layout.
     fn home_in(folder: &Path) -> (AppData, Preferences, Option<Tree<Pane>>) {
         let (preferences, layout) = AppData::read(folder);
-        (AppData::in_folder(folder, &preferences, layout.as_ref()).unwrap(), preferences, layout)
+        (AppData::in_folder(folder, &preferences, layout.as_ref(), || ()).unwrap(), preferences, layout)
     }
 
     #[test]
@@ -281,7 +283,7 @@ mod tests {
         std::fs::write(&file, b"").unwrap();
         for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
             let (preferences, layout) = AppData::read(&place);
-            let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref()) else { panic!("{place:?}") };
+            let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref(), || ()) else { panic!("{place:?}") };
             let sentence = error.to_string();
             assert!(
                 sentence.starts_with(&place.display().to_string()) && sentence.contains("cannot be written"),

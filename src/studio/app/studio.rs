@@ -112,7 +112,9 @@ impl Studio {
         self.state.preferences = preferences;
         self.layout = layout.clone().unwrap_or_else(default_layout);
         self.state.session.set_threads(self.state.preferences.threads);
-        match AppData::in_folder(folder, &self.state.preferences, layout.as_ref()) {
+        let (repaint, pace) = (ctx.clone(), self.pace.clone());
+        let on_attempt = move || repaint.request_repaint_after(pace.wait());
+        match AppData::in_folder(folder, &self.state.preferences, layout.as_ref(), on_attempt) {
             Ok(app_data) => {
                 self.state.dialogs.onboarding.welcome =
                     !self.state.preferences.welcomed && self.state.session.path().is_none();

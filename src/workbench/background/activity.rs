@@ -109,7 +109,7 @@ impl Activity {
 }
 
 /// The common beginning of the lines of one step: all up to their first number or comma.
-fn step_of(text: &str) -> &str {
+pub(crate) fn step_of(text: &str) -> &str {
     text.split(|c: char| c == ',' || c.is_ascii_digit()).next().unwrap_or_default()
 }
 

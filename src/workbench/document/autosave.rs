@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
-use crate::workbench::background::threads::lock;
+use crate::workbench::background::threads::{Wake, lock};
 
 /// Least time between two writings.
 const EVERY: Duration = Duration::from_secs(5);
@@ -58,10 +58,16 @@ pub struct Autosave {
 
 impl Autosave {
     /// Opens the autosave in a folder. Also returns the designs left there by programs that ended without being closed, newest first.
+    /// `wake` is called after each attempt to write or remove a file, because [`Autosave::is_done`] or the failure may have changed.
     ///
     /// # Errors
     /// Where the folder cannot be written to, or the operating system gives no thread.
-    pub fn in_folder(folder: &Path) -> Result<(Self, Vec<Recovered>), FormatError> {
+    pub fn in_folder(folder: &Path, wake: Wake) -> Result<(Self, Vec<Recovered>), FormatError> {
+        Self::writing_every(EVERY, folder, wake)
+    }
+
+    /// The same with another time between two writings.
+    fn writing_every(every: Duration, folder: &Path, wake: Wake) -> Result<(Self, Vec<Recovered>), FormatError> {
         create_folder(folder)?;
         let found = left_behind(folder);
         let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
@@ -71,8 +77,8 @@ impl Autosave {
         let lock = File::create(&lock_file).map_err(|error| FormatError::from_write(&lock_file, error))?;
         // Where the folder's file system has no locks, a second program would offer the design that is open here.
         let _ = lock.try_lock();
-        let writer =
-            FileWriter::start("lenslet-autosave", EVERY).map_err(|error| FormatError::from_write(folder, error))?;
+        let writer = FileWriter::start("lenslet-autosave", every, move || wake());
+        let writer = writer.map_err(|error| FormatError::from_write(folder, error))?;
         Ok((Self { writer, file, superseded: Arc::default(), noted: None, lock_file, lock: Some(lock) }, found))
     }
 
@@ -181,16 +187,42 @@ fn is_half_written(file: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::{Receiver, channel};
+
     use super::*;
 
-    fn until(mut done: impl FnMut() -> bool) {
-        for _ in 0..2000 {
-            if done() {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(5));
+    /// An autosave that writes without delay.
+    struct Fixture {
+        autosave: Autosave,
+        found: Vec<Recovered>,
+        attempts: Receiver<()>,
+    }
+
+    fn fixture(folder: &Path) -> Fixture {
+        let (attempt, attempts) = channel();
+        // The last attempts may come while the fixture is dropped.
+        let wake: Wake = Arc::new(move || attempt.send(()).unwrap_or_default());
+        let (autosave, found) = Autosave::writing_every(Duration::ZERO, folder, wake).unwrap();
+        Fixture { autosave, found, attempts }
+    }
+
+    impl Fixture {
+        /// Notes a design without a file.
+        fn note(&mut self, design: &Arc<Design>, contents: u64, is_unsaved: bool) -> Option<String> {
+            self.autosave.note(design, contents, is_unsaved, None)
         }
-        panic!("waited in vain");
+
+        /// Waits until all that was noted is written or removed.
+        fn settle(&self) {
+            while !self.autosave.is_done() {
+                self.attempts.recv().unwrap();
+            }
+        }
+
+        /// Name of the file.
+        fn file(&self) -> PathBuf {
+            self.autosave.lock_file.with_extension(ENDING)
+        }
     }
 
     /// The autosave files.
@@ -203,51 +235,50 @@ mod tests {
     fn what_a_crash_leaves_is_offered_once_and_what_is_closed_is_not() {
         let folder = tempfile::tempdir().unwrap();
         let design = Arc::new(Design { seed: 7, ..Design::default() });
-        let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
-        assert!(found.is_empty());
+        let mut first = fixture(folder.path());
+        assert!(first.found.is_empty());
         let path = Path::new("mine.json");
-        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
-        until(|| !kept(folder.path()).is_empty());
+        assert_eq!(first.autosave.note(&design, 2, true, Some(path)), None);
+        first.settle();
         // Another program sees that the owner still runs.
-        let (other, found) = Autosave::in_folder(folder.path()).unwrap();
-        assert!(found.is_empty());
+        let other = fixture(folder.path());
+        assert!(other.found.is_empty());
         drop(other);
         // A crash: the lock goes with the process, nothing else happens.
         let file = kept(folder.path()).remove(0);
         let bytes = std::fs::read(&file).unwrap();
-        autosave.close();
-        drop(autosave);
+        first.autosave.close();
+        drop(first);
         let left = std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(left, 0, "who closes the window leaves nothing behind");
         std::fs::write(&file, bytes).unwrap();
 
-        let (mut next, mut found) = Autosave::in_folder(folder.path()).unwrap();
-        let recovered = found.pop().unwrap();
-        assert!(found.is_empty() && recovered.design == *design);
+        let mut next = fixture(folder.path());
+        let recovered = next.found.pop().unwrap();
+        assert!(next.found.is_empty() && recovered.design == *design);
         // The next program may be started in another folder.
         assert_eq!(recovered.path, std::path::absolute(path).ok());
-        let (third, found) = Autosave::in_folder(folder.path()).unwrap();
-        assert!(found.is_empty(), "it is offered once");
-        drop(third);
+        assert!(fixture(folder.path()).found.is_empty(), "it is offered once");
         // The file stays until the design is saved again.
-        next.supersede(recovered);
+        next.autosave.supersede(recovered);
         assert!(file.exists());
-        next.note(&design, 3, true, None);
-        until(|| !file.exists());
-        assert_eq!(kept(folder.path()).len(), 1);
-        next.note(&design, 3, false, None);
-        until(|| kept(folder.path()).is_empty());
+        assert_eq!(next.note(&design, 3, true), None);
+        next.settle();
+        assert_eq!(kept(folder.path()), [next.file()]);
+        assert_eq!(next.note(&design, 3, false), None);
+        next.settle();
+        assert!(kept(folder.path()).is_empty());
     }
 
     #[test]
     fn what_nobody_has_closed_is_offered_again() {
         let folder = tempfile::tempdir().unwrap();
         let design = Arc::new(Design { seed: 7, ..Design::default() });
-        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        let mut autosave = fixture(folder.path());
         // A renderer that is lost takes the window with it, in good order and at once.
-        assert_eq!(autosave.note(&design, 2, true, None), None);
+        assert_eq!(autosave.note(&design, 2, true), None);
         drop(autosave);
-        let (_next, found) = Autosave::in_folder(folder.path()).unwrap();
+        let found = fixture(folder.path()).found;
         assert_eq!(found.into_iter().map(|kept| kept.design).collect::<Vec<_>>(), [Design::clone(&design)]);
     }
 
@@ -261,23 +292,21 @@ mod tests {
         std::fs::write(&new, b"{").unwrap();
         let hour_ago = SystemTime::now() - Duration::from_hours(1);
         File::options().write(true).open(&old).unwrap().set_modified(hour_ago).unwrap();
-        let (mut autosave, found) = Autosave::in_folder(folder.path()).unwrap();
-        assert!(found.is_empty() && !old.exists() && new.exists());
+        let mut autosave = fixture(folder.path());
+        assert!(autosave.found.is_empty() && !old.exists() && new.exists());
         // A folder where the file should be stands for a disk that cannot be written to.
-        let name = autosave.lock_file.with_extension(ENDING);
-        std::fs::create_dir(&name).unwrap();
+        std::fs::create_dir(autosave.file()).unwrap();
         let design = Arc::new(Design::default());
-        let mut failure = autosave.note(&design, 2, true, None);
-        until(|| {
-            failure = failure.take().or_else(|| autosave.writer.take_failure());
-            failure.is_some()
-        });
-        failure = failure.or_else(|| autosave.note(&design, 2, true, None));
-        assert!(failure.unwrap().contains("a folder or device"));
-        // The write is tried again, whether or not anything changes.
-        std::fs::remove_dir(&name).unwrap();
-        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok());
-        assert_eq!(autosave.note(&design, 2, true, None), None);
+        let at_once = autosave.note(&design, 2, true);
+        autosave.attempts.recv().unwrap();
+        let failure = at_once.or_else(|| autosave.note(&design, 2, true)).unwrap();
+        assert!(failure.contains("a folder or device"), "{failure}");
+        assert!(!autosave.autosave.is_done(), "it is tried again");
+        // The next change is written at once.
+        std::fs::remove_dir(autosave.file()).unwrap();
+        assert_eq!(autosave.note(&design, 3, true), None);
+        autosave.settle();
+        assert!(UNSAVED_DESIGN.read::<Kept>(&autosave.file()).is_ok());
     }
 
     #[test]
@@ -285,25 +314,24 @@ mod tests {
     fn a_design_whose_path_json_cannot_hold_is_kept_without_it() {
         use std::os::unix::ffi::OsStrExt;
         let folder = tempfile::tempdir().unwrap();
-        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        let mut autosave = fixture(folder.path());
         let design = Arc::new(Design { seed: 7, ..Design::default() });
         let path = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
-        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
-        let name = autosave.lock_file.with_extension(ENDING);
-        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok_and(|kept| kept.design == *design && kept.path.is_none()));
-        assert_eq!(autosave.note(&design, 2, true, Some(path)), None);
+        assert_eq!(autosave.autosave.note(&design, 2, true, Some(path)), None);
+        autosave.settle();
+        let kept: Kept = UNSAVED_DESIGN.read(&autosave.file()).unwrap();
+        assert_eq!((kept.design, kept.path), (Design::clone(&design), None));
+        assert_eq!(autosave.autosave.note(&design, 2, true, Some(path)), None);
     }
 
     #[test]
-    fn the_newest_edit_is_kept_a_few_seconds_later() {
+    fn the_newest_edit_is_kept() {
         let folder = tempfile::tempdir().unwrap();
-        let (mut autosave, _) = Autosave::in_folder(folder.path()).unwrap();
+        let mut autosave = fixture(folder.path());
         for seed in 1..6 {
-            let design = Arc::new(Design { seed, ..Design::default() });
-            assert_eq!(autosave.note(&design, seed, true, None), None);
-            std::thread::sleep(Duration::from_millis(20));
+            assert_eq!(autosave.note(&Arc::new(Design { seed, ..Design::default() }), seed, true), None);
         }
-        let name = autosave.lock_file.with_extension(ENDING);
-        until(|| UNSAVED_DESIGN.read::<Kept>(&name).is_ok_and(|kept| kept.design.seed == 5));
+        autosave.settle();
+        assert_eq!(UNSAVED_DESIGN.read::<Kept>(&autosave.file()).unwrap().design.seed, 5);
     }
 }

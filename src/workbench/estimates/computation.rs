@@ -9,7 +9,7 @@ use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::request::EstimateRequest;
 use crate::information::Estimate;
 use crate::progress::{CancelToken, Progress};
-use crate::workbench::background::activity::ActivityHandle;
+use crate::workbench::background::activity::{ActivityHandle, step_of};
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::files::{EstimateFolder, EstimateOrder, FinishedEstimate};
 use crate::workbench::estimates::queue::{EstimateAnswer, EstimateQueue, EstimateTask, FolderContents, LiveRequest};
@@ -60,6 +60,7 @@ impl EstimateComputation {
     ) -> Result<(), EvaluationError> {
         let mut publish =
             |estimate: LiveEstimate| mailbox.publish(|queue| queue.publish_live(wanted.revision, estimate));
+        self.live.set_speed(mailbox.look(EstimateQueue::live_speed));
         self.live.refine(&wanted.design, wanted.before.as_ref(), scene, &mut publish, cancel)
     }
 }
@@ -111,7 +112,7 @@ fn run_order(
     answer
 }
 
-/// Receives the progress of an order, and passes it on from time to time.
+/// Receives the progress of an order, and passes on each new step, and the progress of a step from time to time.
 fn reporter<'a>(
     order: &'a EstimateOrder,
     entry: &'a ActivityHandle,
@@ -119,10 +120,12 @@ fn reporter<'a>(
     mailbox: &'a Mailbox<EstimateQueue>,
 ) -> impl FnMut(&EstimateProgress) -> ControlFlow<()> + Send + 'a {
     let began = Instant::now();
-    let mut reported = began;
+    let (mut reported, mut step) = (began, String::new());
     move |progress| {
-        if reported.elapsed() >= REPORT_EVERY && !cancel.is_cancelled() {
+        let is_new = step_of(&progress.step) != step;
+        if (is_new || reported.elapsed() >= REPORT_EVERY) && !cancel.is_cancelled() {
             reported = Instant::now();
+            step_of(&progress.step).clone_into(&mut step);
             write_waiting(mailbox);
             let share = progress.done as f64 / progress.total.max(1) as f64;
             entry.report(&progress.step, Some(share), order.request.time_left(began.elapsed(), share));

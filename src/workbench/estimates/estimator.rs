@@ -86,6 +86,11 @@ impl Estimator {
         self.thread.change(|queue| queue.set_live(live));
     }
 
+    /// Sets the divisor of the times in the schedule of live estimates, from the next one on.
+    pub fn set_live_speed(&self, speed: f64) {
+        self.thread.change(|queue| queue.set_live_speed(speed));
+    }
+
     /// Pauses live estimates while something more important computes.
     pub fn hold(&self, hold: bool) {
         if self.thread.look(EstimateQueue::is_held) != hold {

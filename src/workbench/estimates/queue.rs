@@ -107,13 +107,15 @@ enum Running {
     Live { revision: u64, is_published: bool, cancel: CancelToken },
 }
 
-/// Whether live estimates are computed.
+/// Whether live estimates are computed, and how fast.
 #[derive(Clone, Copy)]
 struct LiveSwitch {
     /// As the person chose.
     is_on: bool,
     /// Whether they are paused for something else.
     is_held: bool,
+    /// Divisor of the times of their schedule.
+    speed: f64,
 }
 
 /// Waiting, running and finished estimates.
@@ -146,7 +148,7 @@ impl EstimateQueue {
             orders: VecDeque::new(),
             is_changed: false,
             newest: 0,
-            switch: LiveSwitch { is_on: true, is_held: false },
+            switch: LiveSwitch { is_on: true, is_held: false, speed: 1.0 },
             is_closed: false,
             running: None,
             folder: None,
@@ -222,6 +224,16 @@ impl EstimateQueue {
         if !live {
             self.interrupt_live();
         }
+    }
+
+    /// Divisor of the times in the schedule of live estimates.
+    pub fn live_speed(&self) -> f64 {
+        self.switch.speed
+    }
+
+    /// Sets the divisor of the times in the schedule, from the next live estimate on.
+    pub fn set_live_speed(&mut self, speed: f64) {
+        self.switch.speed = speed;
     }
 
     /// Whether live estimates are paused.

@@ -3,7 +3,7 @@
 
 use crate::progress::{CancelToken, Progress};
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe, Revision, planned};
-use crate::workbench::live::schedule::SCHEDULE;
+use crate::workbench::live::schedule::{LiveSchedule, SCHEDULE};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -36,9 +36,15 @@ pub(crate) struct LiveEstimator {
     pace: Option<(f64, (usize, usize))>,
     /// A converged estimate whose last bounds were interrupted.
     awaits_bounds: Option<PendingBounds>,
+    schedule: LiveSchedule,
 }
 
 impl LiveEstimator {
+    /// Divides the times of the schedule by `speed`.
+    pub fn set_speed(&mut self, speed: f64) {
+        self.schedule = SCHEDULE.at_speed(speed);
+    }
+
     /// Sets the pace of steps, seconds per step.
     #[cfg(test)]
     pub fn set_pace(&mut self, pace: f64) {
@@ -62,7 +68,7 @@ impl LiveEstimator {
         publish: &mut dyn FnMut(LiveEstimate),
         cancel: &CancelToken,
     ) -> Result<(), EvaluationError> {
-        let asked = Instant::now();
+        let (asked, schedule) = (Instant::now(), self.schedule);
         let bounding = design.bounding();
         let forward = ForwardModel::of_objects(&bounding, Arc::clone(&scene.set))?;
         let subject = LiveProblem::new(&bounding, design.noise, scene, &forward)?;
@@ -70,7 +76,7 @@ impl LiveEstimator {
         let mut pulls = Pulls::new(&forward, design.encoder.lenslets(), design.seed);
         let is_this = |awaiting: &PendingBounds| Arc::ptr_eq(&awaiting.scene, scene) && awaiting.design == *design;
         if let Some(mut awaiting) = self.awaits_bounds.take().filter(is_this) {
-            beads.take_over(&awaiting.estimate, SCHEDULE.edit_samples_converged, cancel);
+            beads.take_over(&awaiting.estimate, schedule.edit_samples_converged, cancel);
             awaiting.estimate = with_bounds(&beads, awaiting.estimate);
             // An edit may interrupt again.
             publish(awaiting.estimate.clone());
@@ -80,10 +86,10 @@ impl LiveEstimator {
         // The start is kept in case this fit does not begin.
         let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
         self.lowered = start.as_ref().map_or(0.0, |_| self.lowered);
-        let test = subject.test(SCHEDULE.score_patches)?;
+        let test = subject.test(schedule.score_patches)?;
         let (train, validation) = subject.fitting()?;
         let mut model = subject.model(&train, &test, start.as_deref())?;
-        let time = if start.is_some() { SCHEDULE.warm_fit } else { SCHEDULE.cold_fit };
+        let time = if start.is_some() { schedule.warm_fit } else { schedule.cold_fit };
         let known = self.pace.filter(|(_, of)| *of == model.patch());
         let pace = known.map_or_else(|| trial_pace(&model, &train, cancel), |(pace, _)| Ok(pace))?;
         let mut recipe = ReplayRecipe::of(planned(time, pace));
@@ -97,9 +103,9 @@ impl LiveEstimator {
             let estimate = subject.score(model, test, recipe, start.clone(), cancel)?;
             Ok::<_, InformationError>(LiveEstimate { seconds: started.elapsed().as_secs_f64(), remaining, ..estimate })
         };
-        let mut scores = SCHEDULE.first_scores.into_iter().map(|(after, patches)| (started + after, patches));
-        let mut next = scores.next().unwrap_or((started, SCHEDULE.score_patches));
-        let mut next_followed = SCHEDULE.first_ais;
+        let mut scores = schedule.first_scores.into_iter().map(|(after, patches)| (started + after, patches));
+        let mut next = scores.next().unwrap_or((started, schedule.score_patches));
+        let mut next_followed = schedule.first_ais;
         // Time spent outside the steps.
         let (mut aside, mut failure) = (Duration::ZERO, None);
         let context = FitContext { validation: validation.as_ref(), ..FitContext::new(&train) };
@@ -112,35 +118,35 @@ impl LiveEstimator {
             recipe.steps = progress.step;
             // The last step gets the last score, which uses more patches.
             if before >= due && progress.step < recipe.all() {
-                if known.is_none() && recipe.revised.is_none() && patches == SCHEDULE.score_patches {
+                if known.is_none() && recipe.revised.is_none() && patches == schedule.score_patches {
                     let revision = Revision::of(progress.step, pace, time.saturating_sub(progress.elapsed));
                     recipe.revised = Some(revision);
                     step.plan(revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
                 let estimate = score(&step.model(), &test.first(patches), recipe, Some(remaining), cancel);
-                let scoring = before.elapsed().mul_f64(SCHEDULE.score_patches as f64 / patches as f64);
+                let scoring = before.elapsed().mul_f64(schedule.score_patches as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
                         estimate.pulls = pulls.gradients();
                         publish(with_bounds(&beads, estimate.clone()));
-                        if beads.lower.is_none() && progress.elapsed >= SCHEDULE.first_decoder_bound {
+                        if beads.lower.is_none() && progress.elapsed >= schedule.first_decoder_bound {
                             self.take_first_bounds(&mut beads, &estimate, publish, cancel);
                         }
                         // Steps before the early score are more valuable.
-                        if patches == SCHEDULE.score_patches
+                        if patches == schedule.score_patches
                             && beads.edit.is_none()
-                            && beads.compare(SCHEDULE.edit_samples, cancel)
+                            && beads.compare(schedule.edit_samples, cancel)
                         {
                             publish(with_bounds(&beads, estimate.clone()));
                         }
-                        if progress.elapsed >= SCHEDULE.first_gradients {
-                            estimate = with_pulls(&mut pulls, &subject, &beads, estimate, SCHEDULE.gradients, cancel);
+                        if progress.elapsed >= schedule.first_gradients {
+                            estimate = with_pulls(&mut pulls, &subject, &beads, estimate, schedule.gradients, cancel);
                             publish(estimate.clone());
                         }
                         if progress.elapsed >= next_followed {
                             next_followed = Duration::MAX;
-                            beads.follow(SCHEDULE.ais, cancel);
+                            beads.follow(schedule.ais, cancel);
                             self.lowered = subject.lowered(&beads, estimate.bits_per_pixel).unwrap_or(self.lowered);
                             publish(with_bounds(&beads, estimate));
                         }
@@ -152,13 +158,13 @@ impl LiveEstimator {
                 }
                 aside += before.elapsed();
                 next = scores.next().unwrap_or_else(|| {
-                    let growing = asked + asked.elapsed().mul_f64(SCHEDULE.score_interval_growth);
+                    let growing = asked + asked.elapsed().mul_f64(schedule.score_interval_growth);
                     let soon =
-                        (asked + SCHEDULE.score_after_edit).checked_sub(scoring).filter(|soon| Instant::now() < *soon);
-                    (soon.unwrap_or(growing), SCHEDULE.score_patches)
+                        (asked + schedule.score_after_edit).checked_sub(scoring).filter(|soon| Instant::now() < *soon);
+                    (soon.unwrap_or(growing), schedule.score_patches)
                 });
             }
-            if progress.step >= SCHEDULE.paced_steps {
+            if progress.step >= schedule.paced_steps {
                 self.pace = Some((pace, subject.patch));
             }
             ControlFlow::Continue(())
@@ -172,7 +178,7 @@ impl LiveEstimator {
         recipe.steps = fitted?.steps;
         // A fit that is complete is no longer lost.
         let mut estimate =
-            score(&model, &subject.test(SCHEDULE.score_patches_converged)?, recipe, None, &CancelToken::new())?;
+            score(&model, &subject.test(schedule.score_patches_converged)?, recipe, None, &CancelToken::new())?;
         estimate.bounding = beads.channel.is_some();
         estimate.pulls = pulls.gradients();
         publish(with_bounds(&beads, estimate.clone()));
@@ -188,10 +194,11 @@ impl LiveEstimator {
         publish: &mut dyn FnMut(LiveEstimate),
         cancel: &CancelToken,
     ) {
-        beads.decode(SCHEDULE.decoder_samples, cancel);
+        let schedule = self.schedule;
+        beads.decode(schedule.decoder_samples, cancel);
         publish(with_bounds(beads, estimate.clone()));
-        if self.lowered > SCHEDULE.least_gain {
-            beads.follow_from_above(SCHEDULE.ais_after_edit, cancel);
+        if self.lowered > schedule.least_gain {
+            beads.follow_from_above(schedule.ais_after_edit, cancel);
             publish(with_bounds(beads, estimate.clone()));
         }
     }
@@ -207,15 +214,16 @@ impl LiveEstimator {
         publish: &mut dyn FnMut(LiveEstimate),
         cancel: &CancelToken,
     ) -> Result<(), EvaluationError> {
+        let schedule = self.schedule;
         if !awaiting.only_sensor {
             awaiting.estimate =
-                with_pulls(pulls, subject, beads, awaiting.estimate, SCHEDULE.gradients_converged, cancel);
+                with_pulls(pulls, subject, beads, awaiting.estimate, schedule.gradients_converged, cancel);
             publish(awaiting.estimate.clone());
         }
         if !awaiting.only_sensor && beads.channel.is_some() {
-            beads.decode(SCHEDULE.decoder_samples_converged, cancel);
-            beads.compare(SCHEDULE.edit_samples_converged, cancel);
-            beads.follow(SCHEDULE.ais_converged, cancel);
+            beads.decode(schedule.decoder_samples_converged, cancel);
+            beads.compare(schedule.edit_samples_converged, cancel);
+            beads.follow(schedule.ais_converged, cancel);
             awaiting.estimate = with_bounds(beads, awaiting.estimate);
             if !cancel.is_cancelled() {
                 awaiting.only_sensor = true;
@@ -226,15 +234,15 @@ impl LiveEstimator {
             && let Ok(Some((channel, ceiling))) = subject.whole()
         {
             let mut whole = BeadBoundState::new(Some(&channel), awaiting.design.seed);
-            whole.decode(SCHEDULE.decoder_samples_sensor, cancel);
-            whole.follow(SCHEDULE.ais_sensor, cancel);
+            whole.decode(schedule.decoder_samples_sensor, cancel);
+            whole.follow(schedule.ais_sensor, cancel);
             if let Some(sensor) = whole.of_sensor(channel.patch, ceiling).filter(|_| !cancel.is_cancelled()) {
                 awaiting.estimate = with_sensor(Some(sensor), awaiting.estimate);
                 publish(awaiting.estimate.clone());
             }
         }
         if beads.channel.is_some() {
-            awaiting.estimate = with_pulls(pulls, subject, beads, awaiting.estimate, SCHEDULE.gradients_last, cancel);
+            awaiting.estimate = with_pulls(pulls, subject, beads, awaiting.estimate, schedule.gradients_last, cancel);
         }
         if cancel.is_cancelled() {
             self.awaits_bounds = Some(awaiting);

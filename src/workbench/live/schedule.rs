@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 /// The schedule of a live estimate. Times count from the start of a fit where nothing else is said.
+#[derive(Clone, Copy)]
 pub(crate) struct LiveSchedule {
     /// Time for the steps of a fit from a cold start.
     pub cold_fit: Duration,
@@ -84,3 +85,34 @@ pub(crate) const SCHEDULE: LiveSchedule = LiveSchedule {
     score_patches_converged: 384,
     score_patches: 192,
 };
+
+impl Default for LiveSchedule {
+    fn default() -> Self {
+        SCHEDULE
+    }
+}
+
+impl LiveSchedule {
+    /// The schedule with all times divided by `speed`. Counts stay, so that its numbers are as reproducible.
+    #[must_use]
+    pub fn at_speed(self, speed: f64) -> Self {
+        let faster = |time: Duration| Duration::try_from_secs_f64(time.as_secs_f64() / speed).unwrap_or(time);
+        Self {
+            cold_fit: faster(self.cold_fit),
+            warm_fit: faster(self.warm_fit),
+            first_scores: self.first_scores.map(|(after, patches)| (faster(after), patches)),
+            score_after_edit: faster(self.score_after_edit),
+            first_gradients: faster(self.first_gradients),
+            gradients: faster(self.gradients),
+            gradients_converged: faster(self.gradients_converged),
+            gradients_last: faster(self.gradients_last),
+            first_decoder_bound: faster(self.first_decoder_bound),
+            first_ais: faster(self.first_ais),
+            ais: faster(self.ais),
+            ais_converged: faster(self.ais_converged),
+            ais_sensor: faster(self.ais_sensor),
+            ais_after_edit: faster(self.ais_after_edit),
+            ..self
+        }
+    }
+}
