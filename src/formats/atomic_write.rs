@@ -97,8 +97,17 @@ pub struct NameLock {
 /// # Errors
 /// [`FormatError::InUse`] where another program holds the lock, as for [`lock_folder`].
 pub fn lock_name(path: &Path, lock: &Path) -> Result<Option<NameLock>, FormatError> {
+    lock_opened(path, lock, || File::options().create(true).truncate(false).write(true).open(lock))
+}
+
+/// [`lock_name`] with the function that opens the lock file.
+fn lock_opened(
+    path: &Path,
+    lock: &Path,
+    mut open: impl FnMut() -> io::Result<File>,
+) -> Result<Option<NameLock>, FormatError> {
     loop {
-        let Ok(file) = File::options().create(true).truncate(false).write(true).open(lock) else { return Ok(None) };
+        let Ok(file) = open() else { return Ok(None) };
         if file.metadata().map_or(true, |of| of.len() > 0 || !of.is_file()) {
             return Ok(None);
         }
@@ -343,16 +352,13 @@ mod tests {
         assert!(lock_name(&path, &lock).unwrap().is_none());
         assert_eq!(fs::read(&lock).unwrap(), b"mine");
         assert!(lock_name(&path, &folder.path().join("no/lock")).unwrap().is_none());
-        // A lock file removed while another process waits for it is not what that process gets.
+        // A lock file that its owner removes after another process opened it is not what that process gets.
         let lock = folder.path().join("other.lock");
         let held = lock_name(&path, &lock).unwrap().unwrap();
-        let waiting = std::thread::spawn({
-            let (path, lock) = (path.clone(), lock.clone());
-            move || lock_name(&path, &lock).unwrap().unwrap()
-        });
-        std::thread::sleep(GRACE / 5);
+        let open = || File::options().create(true).truncate(false).write(true).open(&lock);
+        let mut removed = Some(open().unwrap());
         drop(held);
-        let next = waiting.join().unwrap();
+        let next = lock_opened(&path, &lock, || removed.take().map_or_else(open, Ok)).unwrap().unwrap();
         assert!(lock.exists() && lock_name(&path, &lock).is_err());
         drop(next);
     }

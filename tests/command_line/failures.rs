@@ -1,7 +1,8 @@
 //! Failures to read, compute or write give one sentence that names the file, and leave nothing behind.
 
 use std::io::Write;
-use std::process::Stdio;
+use std::process::{Output, Stdio};
+use std::time::Duration;
 
 use serde_json::{Value, json};
 
@@ -187,11 +188,11 @@ fn designs_that_cannot_be_are_named() {
         (|design| design["limits"]["central_share"] = json!(0), "central_share"),
         (|design| design["seed"] = json!(-1), "seed: invalid value"),
     ];
+    // All commands read designs in the same way.
+    let mut commands = ["export bad.json --out out", "bad.json", "estimate bad.json"].into_iter().cycle();
     for (change, part) in cases {
         design_file(&bench, change);
-        for line in ["export bad.json --out out", "bad.json", "estimate bad.json"] {
-            assert_told(&bench.refused(line), &["bad.json", part]);
-        }
+        assert_told(&bench.refused(commands.next().unwrap()), &["bad.json", part]);
     }
     let weights = |design: &mut Value| {
         for lenslet in design["encoder"]["lenslets"].as_array_mut().unwrap() {
@@ -209,10 +210,10 @@ fn designs_that_cannot_be_are_named() {
     assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "lenslet 3", "positive definite"]);
     let many = |design: &mut Value| {
         let one = design["encoder"]["lenslets"][0].clone();
-        design["encoder"]["lenslets"] = Value::Array(vec![one; 1_000_000]);
+        design["encoder"]["lenslets"] = Value::Array(vec![one; 10_000]);
     };
     design_file(&bench, many);
-    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "1000000 lenslets", "at most 4096"]);
+    assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "10000 lenslets", "at most 4096"]);
     let diffuser = |design: &mut Value| design["encoder"] = json!({"kind": "diffuser", "aperture_px": 0, "seed": 1});
     design_file(&bench, diffuser);
     assert_told(&bench.refused("export bad.json --out out"), &["bad.json", "aperture_px"]);
@@ -418,17 +419,26 @@ fn files_of_another_mask_do_not_pass_as_those_of_this_one() {
 #[test]
 fn weights_that_cannot_be_written_take_no_estimate_along() {
     let bench = Bench::new();
-    let sizes = "--mask heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 1s";
+    let sizes = "--mask heuristic:1 --patch 8 --patches-train 60 --patches-test 20 --budget 0.4s";
     let line = format!("estimate --estimator pixelcnn {sizes} --save-weights network --resume kept --json");
-    let mut program = bench.command();
-    program.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut program = program.spawn().unwrap();
-    while !bench.path("kept").exists() {
-        assert!(program.try_wait().unwrap().is_none(), "it ended before its weights had nowhere to go");
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    std::fs::create_dir(bench.path("network")).unwrap();
-    let output = program.wait_with_output().unwrap();
+    // A folder takes the place of the weights during the fit, which only the state of the fit shows. The fit may end before on a busy
+    // machine; then another one is tried.
+    let is_late = |output: &Output| output.status.success();
+    let attempt = |_| {
+        if bench.path("network").exists() {
+            std::fs::remove_file(bench.path("network")).unwrap();
+        }
+        let mut program = bench.command();
+        program.args(line.split_whitespace()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut program = program.spawn().unwrap();
+        while !bench.path("kept").exists() && program.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // It fails where the weights are there.
+        let _ = std::fs::create_dir(bench.path("network"));
+        program.wait_with_output().unwrap()
+    };
+    let output = (0..20).map(attempt).find(|output| !is_late(output)).unwrap();
     let told = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{told}");
     assert_told(&told, &["the weights were not written: network: ", "a folder or device"]);

@@ -13,7 +13,8 @@ mod study;
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -79,6 +80,27 @@ impl Bench {
         }
         assert_eq!(self.files(), before, "{line}: what was there before is all that is there");
         sentence
+    }
+
+    /// Starts a line and kills it as soon as `is_due`, which looks at its files: nothing else tells how far a program has come. Tries again
+    /// where the program ended first, as may happen on a busy machine. `reset` removes its files before each attempt.
+    fn kill_midway(&self, line: &str, reset: impl Fn(), is_due: impl Fn() -> bool) {
+        let is_killed = || {
+            reset();
+            let mut program = self
+                .command()
+                .args(line.split_whitespace())
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                .spawn()
+                .unwrap();
+            while !is_due() && program.try_wait().unwrap().is_none() {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            program.kill().unwrap();
+            !program.wait().unwrap().success()
+        };
+        assert!((0..20).any(|_| is_killed()), "{line}: it ends before it can be killed");
     }
 
     /// All files, at any depth.

@@ -79,7 +79,7 @@ fn that_grey_levels_are_whole_tells_a_density_model_nothing() {
     bench.write("dark.npy", npy("(20, 24, 20)", &counts));
     for noise in ["shot", "shot+read:0.2"] {
         let line =
-            "estimate --estimator causal --steps 300 --patch 16 --patches-test 100 --seed 4 --measurements dark.npy";
+            "estimate --estimator causal --steps 150 --patch 8 --patches-test 100 --seed 4 --measurements dark.npy";
         let found = bench.json(&format!("{line} --noise {noise}"));
         assert!(found["bits_per_pixel"].as_f64().unwrap() > 0.0, "{found}");
         assert_eq!(found["noise"], noise);
@@ -161,7 +161,7 @@ fn causal_estimate_fits_measurements() {
     let bench = Bench::new();
     bench.write("photons.npy", npy("(10, 24, 20)", &photons(10)));
     let estimator = "causal";
-    let line = format!("estimate --patch 8 --patches-test 40 --estimator {estimator} --budget 1s");
+    let line = format!("estimate --patch 8 --patches-test 40 --estimator {estimator} --budget 0.3s");
     let found = bench.json(&format!("{line} --measurements photons.npy"));
     assert_eq!((&found["estimator"], &found["patches_test"]), (&estimator.into(), &40.into()));
     assert!(found["notes"].to_string().contains("in place of clean images"), "{found}");

@@ -214,43 +214,45 @@ fn scores_of_later_starts_survive_a_failure() {
 fn default_objective_of_beads_is_the_decoder() {
     let bench = Bench::new();
     let line = TINY.replace(" --objective density", "");
-    let told = bench.json(&format!("{line} --steps 21 --out a"));
+    let line =
+        format!("{line} --config {{\"first_fit\":4,\"refit_every\":4,\"refit\":2,\"last_fit\":2,\"patches\":4}}");
+    let told = bench.json(&format!("{line} --steps 5 --out a"));
     let record = read(&bench, "a/run.json");
     assert_eq!(record["settings"]["objective"], json!("posterior"));
     let steps: Vec<&Value> =
         record["checkpoints"].as_array().unwrap().iter().map(|checkpoint| &checkpoint["step"]).collect();
-    assert_eq!(steps, [0, 20, 21]);
+    assert_eq!(steps, [0, 4, 5]);
     assert!(told["end"]["lower"].is_null() && told["end"]["bits_per_pixel"].as_f64().unwrap() > 0.0);
     let curve = std::fs::read_to_string(bench.path("a/curve.csv")).unwrap();
     assert!(curve.starts_with("step,lower_bound_bits_per_pixel,") && curve.lines().count() == 4, "{curve}");
-    let told = bench.done(&format!("{line} --steps 21 --out a"));
+    let told = bench.done(&format!("{line} --steps 5 --out a"));
     assert!(told.contains("lower bound by the run's decoder"), "{told}");
     // The same scene with the density objective is another run.
-    let sentence = bench.refused(&format!("{line} --objective density --steps 21 --out a"));
+    let sentence = bench.refused(&format!("{line} --objective density --steps 5 --out a"));
     assert!(sentence.contains("not the state of this run"), "{sentence}");
 }
 
 #[test]
 fn killed_run_resumes_bit_for_bit() {
     let bench = Bench::new();
-    let quick = "--steps 8 --config {\"patches\":2,\"refit_every\":4,\"first_fit\":2,\"refit\":2,\"last_fit\":2,\"relocation_candidates\":0}";
-    for (objective, length) in
-        [("density", "--steps 40 --config {\"refit\":60,\"last_fit\":600}"), ("posterior", quick)]
-    {
+    let fits = "\"patches\":2,\"first_fit\":4,\"refit\":4,\"relocation_candidates\":0";
+    for (objective, last_fit) in [("density", 100), ("posterior", 2)] {
         let line = TINY.replace("density", objective);
+        let length = format!("--steps 8 --config {{\"refit_every\":2,{fits},\"last_fit\":{last_fit}}}");
         let line = format!("{line} {length} --out {objective}");
         let whole = bench.json(&format!("{line}-whole"));
-        let (state, design) =
-            (format!("{objective}-killed/run.safetensors"), format!("{objective}-killed/design.json"));
-        let mut program = bench.command().args(format!("{line}-killed").split_whitespace()).spawn().unwrap();
-        while !bench.path(&state).exists() {
-            assert!(program.try_wait().unwrap().is_none(), "{objective}: the run ended before it was killed");
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-        std::thread::sleep(std::time::Duration::from_millis(300));
-        program.kill().unwrap();
-        program.wait().unwrap();
-        assert!(!bench.path(&design).exists(), "{objective}: the run was killed before its end");
+        let folder = bench.path(format!("{objective}-killed"));
+        let state = || std::fs::read(folder.join("run.safetensors")).ok();
+        let reset = || {
+            if folder.exists() {
+                std::fs::remove_dir_all(&folder).unwrap();
+            }
+        };
+        // The second state is that of the first steps.
+        let first = std::cell::OnceCell::new();
+        let is_second = || state().is_some_and(|state| first.get_or_init(|| state.clone()) != &state);
+        bench.kill_midway(&format!("{line}-killed"), reset, is_second);
+        assert!(!folder.join("design.json").exists(), "{objective}: the run was killed before its end");
         let output = bench.run(format!("{line}-killed --json").split_whitespace());
         assert!(text(&output.stderr).contains("resuming the run"), "{}", text(&output.stderr));
         let killed: Value = serde_json::from_slice(&output.stdout).unwrap();

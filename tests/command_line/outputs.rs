@@ -248,7 +248,7 @@ fn weak_read_noise_tells_no_more_than_none() {
 #[test]
 fn trials_of_fits_for_a_time_are_compared() {
     let bench = Bench::new();
-    let found = bench.json("estimate --estimator causal --budget 1s --trials 2 --patch 6 --patches-test 20 --seed 4");
+    let found = bench.json("estimate --estimator causal --budget 0.3s --trials 2 --patch 6 --patches-test 20 --seed 4");
     assert_eq!(found["trials"], 2);
     assert!(found["trial_spread"].as_f64().unwrap() >= 0.0);
 }
@@ -305,7 +305,7 @@ fn a_design_is_not_replaced_by_another_one() {
 #[test]
 fn a_bracket_names_both_bounds_and_where_they_come_from() {
     let bench = Bench::new();
-    let line = "estimate --estimator bracket --mask heuristic:2 --patch 12 --patches-test 60 --budget 4s --seed 3";
+    let line = "estimate --estimator bracket --mask heuristic:2 --patch 8 --patches-test 60 --budget 1s --seed 3";
     let found = bench.json(&format!("{line} --objects beads:0.02"));
     let bits = |name: &str| found[name].as_f64().unwrap_or_else(|| panic!("{name} in {found}"));
     assert!(bits("lower") < bits("upper") && bits("upper") == bits("bits_per_pixel"), "{found}");
@@ -340,7 +340,7 @@ fn a_bracket_names_both_bounds_and_where_they_come_from() {
 #[test]
 fn the_state_of_a_fit_is_removed_in_the_end_and_foreign_files_are_refused() {
     let bench = Bench::new();
-    let line = "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --budget 1s --resume fit";
+    let line = "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --budget 0.3s --resume fit";
     bench.json(line);
     assert!(!bench.path("fit").exists());
     bench.write("fit", "not a state");
@@ -355,13 +355,13 @@ fn what_could_not_be_printed_is_not_computed_again() {
     bench.done("simulate --mask heuristic:2 --count 12 --out seen");
     for subject in ["--mask heuristic:1", "--measurements seen/measurements.npy"] {
         let line = format!(
-            "estimate {subject} --estimator causal --patch 8 --patches-test 20 --budget 1s --resume kept --json"
+            "estimate {subject} --estimator causal --patch 8 --patches-test 20 --budget 0.3s --resume kept --json"
         );
         let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
         let output = bench.command().args(line.split_whitespace()).stdout(full).output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{}", String::from_utf8_lossy(&output.stderr));
         let kept = bytes(&bench, "kept");
-        // A fit of a second never gives the same numbers twice.
+        // A fit for a time never gives the same numbers twice.
         let printed = [(); 2].map(|()| {
             bench.write("kept", &kept);
             let estimate: Value = serde_json::from_str(&bench.done(&line)).unwrap();
@@ -376,20 +376,15 @@ fn what_could_not_be_printed_is_not_computed_again() {
 fn trials_that_were_done_before_a_power_cut_are_not_done_again() {
     let bench = Bench::new();
     let line =
-        "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --steps 300 --trials 3 --json";
+        "estimate --estimator causal --mask heuristic:1 --patch 8 --patches-test 20 --steps 60 --trials 3 --json";
     let whole: Value = serde_json::from_str(&bench.done(line)).unwrap();
     let resumable = format!("{line} --resume kept");
-    let mut program = bench.command().args(resumable.split_whitespace()).spawn().unwrap();
     let trials = || {
         let text = std::fs::read(bench.path("kept")).ok()?;
         Some(serde_json::from_slice::<Value>(&text).ok()?["trials"].as_array()?.len())
     };
-    while trials().unwrap_or(0) == 0 {
-        assert!(program.try_wait().unwrap().is_none(), "it ended before it was killed");
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    program.kill().unwrap();
-    program.wait().unwrap();
+    // A program that ends removes its state.
+    bench.kill_midway(&resumable, || (), || trials().is_some_and(|trials| trials > 0));
     let resumed: Value = serde_json::from_str(&bench.done(&resumable)).unwrap();
     for field in ["bits_per_pixel", "trial_spread", "seed", "interval_95"] {
         assert_eq!(resumed[field], whole[field], "{field}");
@@ -403,7 +398,7 @@ fn trials_that_were_done_before_a_power_cut_are_not_done_again() {
 fn the_weights_of_a_pixelcnn_are_written_and_scored_again() {
     let bench = Bench::new();
     let line = "estimate --estimator pixelcnn --mask heuristic:2 --patch 8 --patches-train 60 --patches-test 30";
-    let fitted = bench.json(&format!("{line} --budget 1s --save-weights network"));
+    let fitted = bench.json(&format!("{line} --budget 0.5s --save-weights network"));
     let scored = bench.json(&format!("{line} --weights network"));
     for field in ["bits_per_pixel", "interval_95", "entropy_y"] {
         assert_eq!(scored[field], fitted[field], "{field}");

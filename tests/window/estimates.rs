@@ -1,10 +1,12 @@
 //! Estimates in the window: the live estimate and requested ones.
 
+use std::time::Duration;
+
 use super::home::at_home;
 use super::waiting::wait_for;
 use super::*;
 use egui_kittest::kittest::NodeT;
-use lenslet_studio::evaluation::DensityModel;
+use lenslet_studio::evaluation::{DensityModel, EstimateRequest};
 use lenslet_studio::information::{BoundMethod, EngineChoice, Estimator};
 
 /// A design for few small objects of no known prior, whose measurements have 9 x 9 px. Estimates of them take a moment.
@@ -18,7 +20,7 @@ pub fn small_stripes(folder: &Path) -> Design {
 #[test]
 fn live_estimate_follows_edits_and_can_be_switched_off() {
     let mut window = open(Design::default());
-    studio(&window).session().set_live_speed(10.0);
+    studio(&window).session().set_live_speed(20.0);
     studio(&window).set_live(true);
     wait_for(&mut window, "the first live estimate", |window| studio(window).session().estimates().live.is_some());
     let first = studio(&window).session().estimates().live.unwrap();
@@ -70,21 +72,30 @@ fn live_estimate_follows_edits_and_can_be_switched_off() {
     assert!(!studio(&window).session().is_live());
 }
 
+fn bracket_within(time: Duration) -> DensityModel {
+    DensityModel::new(Estimator::Bracket, Some(time), EngineChoice::default())
+}
+
 #[test]
 fn estimate_is_started_cancelled_and_kept_with_its_design() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
     click(&mut window, "Estimates");
+    click(&mut window, "Length of the fit");
+    click(&mut window, "min");
+    type_number(&mut window, "Minutes of the fit", "0.1");
     click(&mut window, "Start estimate");
     wait_for(&mut window, "a fit", |window| window.query_by_label_contains("Fitting").is_some());
+    let running = studio(&window).session().estimates().running.unwrap();
+    assert_eq!(running.model, bracket_within(Duration::from_secs(6)));
     click(&mut window, "Cancel estimate");
     wait_for(&mut window, "the end of it", |window| studio(window).session().estimates().running.is_none());
     assert!(studio(&window).session().estimates().finished.is_empty());
     assert!(window.query_by_label("Start estimate").is_some());
-    click(&mut window, "Length of the fit");
-    click(&mut window, "min");
-    type_number(&mut window, "Minutes of the fit", "0.02");
-    click(&mut window, "Start estimate");
+    // A shorter one than the form offers.
+    let model = bracket_within(Duration::from_secs(1));
+    let request = EstimateRequest { model, ..EstimateRequest::default() };
+    studio(&window).session().order_estimate(request.with_patch(32, 32).with_patches(100, 60)).unwrap();
     wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
     let finished = studio(&window).session().estimates().finished;
     let bracket = finished[0].value.estimate.bracket.clone().expect("a bracket");

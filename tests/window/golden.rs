@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use egui::{Key, Modifiers};
 use egui_kittest::kittest::Queryable;
 
-use super::waiting::wait_for;
 use super::home::at_home;
+use super::waiting::wait_for;
 use super::{click, lenslets, menu, settle, studio, type_number};
 
 /// Copies files, but no locks.

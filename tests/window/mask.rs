@@ -297,7 +297,8 @@ fn locked_lenslets_stay_locked_and_unmoved() {
     click(&mut window, "Delete selected");
     settle(&mut window);
     assert!(is_locked(&window, 2) && !is_locked(&window, 3), "it is the second one now");
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
+    click(&mut window, "Details");
     window.get_by_label("One locked lenslet stays as it is");
     click(&mut window, "Start run");
     wait_for(&mut window, "some steps", |window| studio(window).session().run().is_some_and(|run| run.step >= 2));

@@ -75,7 +75,7 @@ fn random_texts_of_three_locales_follow_the_rules() {
         proptest::test_runner::TestRng::deterministic_rng(proptest::test_runner::RngAlgorithm::ChaCha),
     );
     let mut taken = 0;
-    for _ in 0..250 {
+    for _ in 0..120 {
         let text = text.new_tree(&mut runner).unwrap().current();
         let window = &mut *window.borrow_mut();
         let old = number(window, FIELD);
@@ -87,7 +87,7 @@ fn random_texts_of_three_locales_follow_the_rules() {
         assert_eq!(number(window, FIELD), new.unwrap_or(old), "{text:?} over {old}");
         taken += usize::from(new.is_some());
     }
-    assert!((50..200).contains(&taken), "{taken} of the texts are numbers");
+    assert!((24..96).contains(&taken), "{taken} of the texts are numbers");
 }
 
 #[test]

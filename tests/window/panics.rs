@@ -101,7 +101,7 @@ fn panics_of_estimates_and_runs_are_reported() {
     wait_for(&mut window, "the end of it", |window| studio(window).session().estimates().running.is_none());
 
     break_once(&mut window, "lenslet-run");
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     click(&mut window, "Start run");
     let message = "an internal error stopped this run: no light";
     wait_for(&mut window, "the end of the run", |window| state(window) == Some(ActivityState::Failed(message.into())));

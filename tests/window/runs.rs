@@ -25,14 +25,17 @@ fn run(window: &Window) -> DesignRun {
     studio(window).session().run().expect("it was started")
 }
 
-/// Opens the form of a run in a tall window. The run has small patches and fits of a few steps, and a checkpoint every second step.
-pub fn shorten_run(window: &mut Window) {
-    for name in ["Optimize", "Details", "16 px", "Schedule and rates"] {
+/// Opens the form of a run in a tall window. The run has a density model, which searches for no better places, and fits of a few steps.
+/// It has a checkpoint every second step.
+pub fn shorten_run(window: &mut Window, patch: &str) {
+    for name in ["Optimize", "Details", "density", patch, "Schedule and rates"] {
         click(window, name);
     }
     for (field, steps) in [("Refit every", "2"), ("First fit", "4"), ("Refit", "2"), ("Last fit", "2")] {
         type_number(window, field, steps);
     }
+    // The results below the form have room again.
+    click(window, "Details");
 }
 
 /// Starts a run in place of the last one, if there is one.
@@ -51,9 +54,12 @@ fn the_schedule_of_a_run_is_chosen_and_goes_back_to_that_of_the_preset() {
         let settings = run(window).settings;
         stop_run(window);
         assert_eq!(run(window).status, RunStatus::Stopped);
+        assert_eq!(settings.objective, Objective::Posterior, "the prior of beads is known");
         (settings.refit_every, settings.rates.position, settings.decay_fraction)
     };
-    shorten_run(&mut window);
+    for name in ["Optimize", "Details", "16 px", "Schedule and rates"] {
+        click(&mut window, name);
+    }
     type_number(&mut window, "Refit every", "7");
     type_number(&mut window, "Position rate", "0.25");
     type_number(&mut window, "Decay over", "50");
@@ -79,7 +85,7 @@ fn all_of_the_order_of_a_run_can_be_reached_in_a_small_window() {
 #[test]
 fn run_is_started_paused_stopped_accepted_and_undone() {
     let mut window = open_sized(Design::default(), TALL);
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     let before = lenslets(&window);
     click(&mut window, "Start run");
     wait_for(&mut window, "the third refit", |window| run(window).checkpoints.len() >= 3);
@@ -91,7 +97,6 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
     let now = run(&window);
     assert!(now.checkpoints[0].bits_per_pixel > 0.1 && now.checkpoints[2].step == 4);
     assert_eq!(now.position_gradients.len(), before.len(), "arrows show where what it climbs pulls them");
-    assert_eq!(now.settings.objective, Objective::Posterior, "the prior of beads is known");
     assert!(window.query_by_label("Rewind").is_some());
 
     // A paused run takes no step: the tests of its thread show that. The step under way may still end.
@@ -155,7 +160,7 @@ fn run_is_started_paused_stopped_accepted_and_undone() {
 #[test]
 fn masks_of_a_run_push_no_edits_out_of_the_history() {
     let mut window = open_sized(Design::default(), TALL);
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     click(&mut window, "Start run");
     wait_for(&mut window, "some masks", |window| run(window).step >= 8);
     stop_run(&mut window);
@@ -170,10 +175,7 @@ fn masks_of_a_run_push_no_edits_out_of_the_history() {
 #[test]
 fn an_edit_takes_over_from_a_run_up_a_density_model() {
     let mut window = open_sized(Design::default(), TALL);
-    for name in ["Optimize", "Details", "density", "Details"] {
-        click(&mut window, name);
-    }
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     click(&mut window, "Start run");
     wait_for(&mut window, "the first steps", |window| run(window).step >= 2);
     let settings = run(&window).settings;
@@ -214,7 +216,8 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
     let mut window = at_home_sized(folder.path(), TALL);
     let before = lenslets(&window);
     click(&mut window, "Lock lenslet 2");
-    shorten_run(&mut window);
+    // The bounds of the run are those of the patches that other bounds have.
+    shorten_run(&mut window, "32 px");
     click(&mut window, "Start from");
     click(&mut window, "Random lenslets");
     type_number(&mut window, "Random lenslets", "4");
@@ -257,7 +260,7 @@ fn what_is_done_beside_a_run_leaves_both_alone_and_its_masks_outlive_the_window(
 #[test]
 fn run_starts_from_a_layout_or_a_seed_and_ends_after_its_steps() {
     let mut window = open_sized(Design::default(), TALL);
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     click(&mut window, "Start from");
     click(&mut window, "Heuristic layout");
     type_number(&mut window, "Heuristic lenslets", "2");
@@ -374,7 +377,7 @@ fn results_keep_the_runs_that_led_to_them_and_are_compared() {
     let folder = tempfile::tempdir().unwrap();
     let ranked = two_results_in(folder.path());
     comparison_in(folder.path(), &ranked[0]);
-    let mut window = at_home(folder.path());
+    let mut window = at_home_sized(folder.path(), TALL);
     click(&mut window, "Optimize");
     // The run of each result is there, from its start to its end.
     for (place, result) in ranked.iter().enumerate() {

@@ -42,7 +42,7 @@ const SAMPLED_EVERY: Duration = Duration::from_secs(10);
 /// Time in which unused memory is returned.
 const REST: Duration = Duration::from_secs(5);
 /// Actions of the short test.
-const ACTS: usize = 300;
+const ACTS: usize = 200;
 /// Minutes of the long test, unless this variable sets them.
 const MINUTES: f64 = 10.0;
 const MINUTES_VARIABLE: &str = "LENSLET_STUDIO_SOAK_MINUTES";

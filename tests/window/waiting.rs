@@ -59,6 +59,11 @@ pub fn settle(window: &mut Window) {
 /// Stops the run by its button, and the score that follows, and waits until the run is no longer active.
 pub fn stop_run(window: &mut Window) {
     click(window, "Stop run");
+    wait_for_stop(window);
+}
+
+/// Stops the score of a run that was stopped, and waits until the run is no longer active.
+pub fn wait_for_stop(window: &mut Window) {
     wait_for(window, "the end of the run", |window| {
         let run = studio(window).session().run().expect("it was started");
         if run.is_scoring {

@@ -12,7 +12,7 @@ use lenslet_studio::workbench::{ActivityState, RunStatus};
 use super::estimates::small_stripes;
 use super::home::at_home;
 use super::runs::{TALL, shorten_run};
-use super::waiting::{stop_run, wait_for};
+use super::waiting::{stop_run, wait_for, wait_for_stop};
 use super::*;
 
 /// Clicks and returns the text in the clipboard.
@@ -157,7 +157,7 @@ fn lenslets_are_fitted_to_imported_psf() {
 fn live_estimate_is_reproduced_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let mut window = at_home(folder.path());
-    studio(&window).session().set_live_speed(10.0);
+    studio(&window).session().set_live_speed(20.0);
     studio(&window).session().set_live(true);
     let bounded =
         |window: &Window| studio(window).session().estimates().live.is_some_and(|live| live.value.lower.is_some());
@@ -194,6 +194,8 @@ fn live_estimate_is_reproduced_bit_for_bit() {
 fn jobs_queue_stop_and_keep_their_log() {
     let objects = tempfile::tempdir().unwrap();
     let mut window = open(small_stripes(objects.path()));
+    // The first job has read the objects.
+    let states = |window: &Window| states(window).split_off(1);
     ask_for_steps(&mut window, "100000");
     click(&mut window, "Start estimate");
     type_number(&mut window, "Steps of the fit", "8");
@@ -205,14 +207,14 @@ fn jobs_queue_stop_and_keep_their_log() {
         states == [ActivityState::Running, ActivityState::Waiting]
     });
     window.get_by_label("waiting for other jobs");
-    click(&mut window, "Stop job 1");
+    click(&mut window, "Stop job 2");
     wait_for(&mut window, "the second", |window| matches!(states(window).last(), Some(ActivityState::Done(_))));
     assert_eq!(states(&window)[0], ActivityState::Stopped);
-    assert!(window.query_by_label("Stop job 1").is_none() && window.query_by_label("Stop job 2").is_none());
+    assert!(window.query_by_label("Stop job 2").is_none() && window.query_by_label("Stop job 3").is_none());
     // The result is listed, and the log names the steps.
     assert!(window.query_all_by_label_contains("bits per pixel").count() >= 2);
-    click(&mut window, "Log of job 2");
-    let log = copied(&mut window, "Copy log of job 2");
+    click(&mut window, "Log of job 3");
+    let log = copied(&mut window, "Copy log of job 3");
     assert!(log.contains("Estimate (causal) of 9 lenslets") && log.contains("Scoring test patches"), "{log}");
     // A failure is one sentence, in the list and as a message.
     let folder = tempfile::tempdir().unwrap();
@@ -253,7 +255,7 @@ fn closing_asks_while_jobs_run() {
 #[test]
 fn run_is_listed_among_jobs_and_reproducible() {
     let mut window = open_sized(Design::default(), TALL);
-    shorten_run(&mut window);
+    shorten_run(&mut window, "16 px");
     type_number(&mut window, "Steps", "10");
     click(&mut window, "Start run");
     wait_for(&mut window, "the second refit", |window| {
@@ -273,7 +275,8 @@ fn run_is_listed_among_jobs_and_reproducible() {
     window.key_press_modifiers(Modifiers::COMMAND, Key::J);
     window.run_steps(3);
     click(&mut window, "Stop job 1");
-    wait_for(&mut window, "the end", |window| states(window)[0] == ActivityState::Stopped);
+    wait_for_stop(&mut window);
+    assert_eq!(states(&window)[0], ActivityState::Stopped);
 }
 
 #[test]

@@ -283,7 +283,9 @@ mod tests {
         std::fs::write(&file, b"").unwrap();
         for place in [file.clone(), file.join("below"), "/proc/nowhere".into()] {
             let (preferences, layout) = AppData::read(&place);
-            let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref(), || ()) else { panic!("{place:?}") };
+            let Err(error) = AppData::in_folder(&place, &preferences, layout.as_ref(), || ()) else {
+                panic!("{place:?}")
+            };
             let sentence = error.to_string();
             assert!(
                 sentence.starts_with(&place.display().to_string()) && sentence.contains("cannot be written"),

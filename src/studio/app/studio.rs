@@ -1,6 +1,7 @@
 //! The studio: menus, panels, status bar, and the work between frames.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use egui::{Panel, Ui, ViewportCommand};
 use egui_tiles::Tree;
@@ -216,7 +217,11 @@ impl Studio {
             state.messages.push(Severity::Failure, failure);
         }
         let Some(app_data) = &mut self.app_data else { return };
-        app_data.keep_designs(state.panels.compare.snapshots.changes(self.closing));
+        let (snapshots, now) = (&mut state.panels.compare.snapshots, Instant::now());
+        app_data.keep_designs(snapshots.changes(now, self.closing));
+        if let Some(wait) = snapshots.due(now) {
+            ctx.request_repaint_after(wait);
+        }
         state.preferences.theme = ctx.options(|options| options.theme_preference);
         // Shortcuts zoom beyond the stored range.
         state.preferences.zoom = ctx.zoom_factor().clamp(*ZOOM.start(), *ZOOM.end());

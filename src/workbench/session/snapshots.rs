@@ -25,6 +25,16 @@ pub use numbers::{Bits, SnapshotNumbers};
 /// Least time between two writings of changed numbers.
 const WRITE_EVERY: Duration = Duration::from_secs(3);
 
+/// What a file of a snapshot does not hold yet.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Change {
+    None,
+    /// Numbers, which keep improving.
+    Numbers,
+    /// The work of a person, which is written at once.
+    Deed,
+}
+
 /// A design that was put aside.
 #[derive(Clone)]
 pub struct Snapshot {
@@ -38,9 +48,9 @@ pub struct Snapshot {
     pub scene: String,
     /// Its revision, if it was open in this window; while it is open, its numbers keep improving.
     revision: Option<u64>,
-    /// Name of its file, and whether that is out of date.
+    /// Name of its file.
     file: String,
-    changed: bool,
+    changed: Change,
     /// Whether its PSF was rendered for the snapshot.
     drawn: bool,
     /// Whether its measurement was requested.
@@ -106,7 +116,9 @@ impl Snapshot {
         let Some(revision) = self.revision else { return };
         let before = self.numbers.clone();
         self.sync_numbers(revision, live, estimates);
-        self.changed |= self.numbers != before;
+        if self.numbers != before {
+            self.changed = self.changed.max(Change::Numbers);
+        }
     }
 
     /// Renders the PSF of a snapshot of an earlier session, once. Returns whether there was anything to render. It takes milliseconds, or
@@ -124,7 +136,9 @@ impl Snapshot {
 
     /// Sets another name.
     pub fn rename(&mut self, name: String) {
-        self.changed |= self.name != name;
+        if self.name != name {
+            self.changed = Change::Deed;
+        }
         self.name = name;
     }
 
@@ -211,7 +225,7 @@ impl Snapshots {
             scene: scene_of(design),
             revision: Some(revision),
             file: DocumentFolder::new_name(),
-            changed: true,
+            changed: Change::Deed,
             drawn: false,
             asked: false,
             optics: None,
@@ -243,7 +257,7 @@ impl Snapshots {
                 design,
                 revision: None,
                 file,
-                changed: false,
+                changed: Change::None,
                 drawn: false,
                 asked: false,
                 optics: None,
@@ -271,19 +285,32 @@ impl Snapshots {
     pub fn bring_back(&mut self) {
         let Some((place, mut snapshot)) = self.gone.take() else { return };
         self.deleted.retain(|file| *file != snapshot.file);
-        snapshot.changed = true;
+        snapshot.changed = Change::Deed;
         self.entries.insert(place.min(self.entries.len()), snapshot);
     }
 
-    /// Returns the file changes since the last call, every few seconds or `at_once`.
-    pub fn changes(&mut self, at_once: bool) -> Vec<FileChange> {
-        if !at_once && self.written.is_some_and(|at| at.elapsed() < WRITE_EVERY) {
+    /// Time until changes have to be written; none where there are none. Changed numbers wait for the next writing, a few seconds after
+    /// the last one.
+    pub fn due(&self, now: Instant) -> Option<Duration> {
+        let change = self.entries.iter().map(|snapshot| snapshot.changed).max().unwrap_or(Change::None);
+        let paced = self.written.map_or(Duration::ZERO, |at| (at + WRITE_EVERY).saturating_duration_since(now));
+        match change {
+            _ if !self.deleted.is_empty() => Some(Duration::ZERO),
+            Change::Deed => Some(Duration::ZERO),
+            Change::Numbers => Some(paced),
+            Change::None => None,
+        }
+    }
+
+    /// Returns the file changes since the last call, where they are [due](Self::due) or `at_once`.
+    pub fn changes(&mut self, now: Instant, at_once: bool) -> Vec<FileChange> {
+        if !at_once && self.due(now) != Some(Duration::ZERO) {
             return Vec::new();
         }
         let mut changes: Vec<FileChange> =
             std::mem::take(&mut self.deleted).into_iter().map(|file| (file, None)).collect();
-        for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed) {
-            snapshot.changed = false;
+        for snapshot in self.entries.iter_mut().filter(|snapshot| snapshot.changed > Change::None) {
+            snapshot.changed = Change::None;
             let (name, design, numbers) =
                 (snapshot.name.clone(), Arc::clone(&snapshot.design), snapshot.numbers.clone());
             let text = move || {
@@ -294,7 +321,7 @@ impl Snapshots {
             changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }
         if !changes.is_empty() {
-            self.written = Some(Instant::now());
+            self.written = Some(now);
         }
         changes
     }
@@ -381,6 +408,32 @@ impl Snapshots {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn deeds_are_written_at_once_and_numbers_every_few_seconds() {
+        let mut snapshots = Snapshots::default();
+        let start = Instant::now();
+        assert_eq!(snapshots.due(start), None);
+        for count in 1..=2 {
+            snapshots.keep(&Arc::new(Design::default()), 1, &Live::default(), &Estimates::default()).unwrap();
+            assert_eq!((snapshots.changes(start, false).len(), snapshots.entries.len()), (1, count));
+        }
+        assert_eq!(snapshots.due(start), None);
+        snapshots.entries[1].changed = Change::Numbers;
+        let second = Duration::from_secs(1);
+        assert_eq!(snapshots.due(start + second), Some(WRITE_EVERY - second));
+        assert!(snapshots.changes(start + second, false).is_empty());
+        assert_eq!(snapshots.changes(start + WRITE_EVERY, false).len(), 1);
+        snapshots.entries[0].rename("mine".into());
+        assert_eq!(snapshots.changes(start + WRITE_EVERY, false).len(), 1);
+        let number = snapshots.entries[0].number;
+        snapshots.delete(number);
+        let deleted = snapshots.changes(start + WRITE_EVERY, false);
+        assert!(deleted.len() == 1 && deleted[0].1.is_none());
+        snapshots.bring_back();
+        snapshots.entries[1].changed = Change::Numbers;
+        assert_eq!(snapshots.changes(start + WRITE_EVERY, false).len(), 2, "numbers go with it");
+    }
 
     #[test]
     fn of_too_many_files_the_newest_are_listed() {
