@@ -18,7 +18,7 @@ use lenslet_studio::workbench::{
 };
 
 /// Room for the whole form of a run.
-pub const TALL: Vec2 = Vec2::new(1280.0, 1400.0);
+pub const TALL: Vec2 = Vec2::new(1280.0, 1600.0);
 
 /// The present or last run.
 fn run(window: &Window) -> DesignRun {
