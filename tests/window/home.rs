@@ -56,14 +56,14 @@ fn dialogs_fit_a_small_window() {
         &mut wide,
         Modifiers::NONE,
         Key::F1,
-        "Zoom; middle drag, or Space and drag, moves the image; 0 shows all",
+        "Select a lenslet; with Shift, add it to the selection or take it out",
     );
     // Lower entries are scrolled to.
     window.key_press(Key::F1);
     window.run_steps(4);
-    let last = |window: &Window| window.get_by_label("Next lenslet or control; Space selects").rect();
+    let last = |window: &Window| window.get_by_label("Menu: show all, copy value, export image").rect();
     assert!(last(&window).top() > 360.0);
-    window.get_by_label("Next lenslet or control; Space selects").scroll_to_me();
+    window.get_by_label("Menu: show all, copy value, export image").scroll_to_me();
     window.run_steps(40);
     assert!(window.ctx.content_rect().contains_rect(last(&window)), "{:?}", last(&window));
 }

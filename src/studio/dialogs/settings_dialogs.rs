@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use egui::{RichText, Ui};
+use egui::{KeyboardShortcut, RichText, Ui};
 
 use crate::information::EngineChoice;
 use crate::plural::counted;
 use crate::studies::Machine;
-use crate::studio::state::action::Action;
 use crate::studio::state::dialogs::SettingsDialog;
+use crate::studio::state::keys::{Gesture, ON_OTHER_IMAGES, ON_THE_MASK, ZOOM_KEYS, actions_with_keys};
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::preferences::{RendererChoice, THREADS, ZOOM};
 use crate::studio::state::request::{Request, Setting};
@@ -22,22 +22,6 @@ use crate::studio::widgets::number_field::NumberField;
 const TWO_COLUMNS: f32 = 860.0;
 /// Width of the names of keys and gestures, points.
 const KEYS: f32 = 170.0;
-
-/// Mouse and keyboard gestures on the mask.
-const ON_THE_MASK: [(&str, &str); 12] = [
-    ("Click", "Select a lenslet; with Shift, add it to the selection or take it out"),
-    ("Drag a lenslet", "Move the selection"),
-    ("Drag the image", "Select in a box; with Shift, add to the selection"),
-    ("Double click", "Add a lenslet"),
-    ("Arrow keys", "Move the selection by 0.1 px; with Shift, by 1 px"),
-    ("Delete", "Delete the selection"),
-    ("Wheel on a lenslet", "Weight of the selection"),
-    ("Alt + wheel", "Width of the selection"),
-    ("Ctrl + wheel, + and -", "Zoom; middle drag, or Space and drag, moves the image; 0 shows all"),
-    ("On other images", "The wheel zooms, a drag moves, a double click shows all"),
-    ("Right click", "Menu of a lenslet"),
-    ("Tab", "Next lenslet or control; Space selects"),
-];
 
 /// What the dialogs say about the program.
 pub struct Environment<'a> {
@@ -95,29 +79,34 @@ fn shortcuts(ui: &mut Ui) {
 }
 
 fn keys(ui: &mut Ui, most: f32) {
-    let format = |ui: &Ui, action: Action| action.shortcut().map(|keys| ui.ctx().format_shortcut(&keys));
+    let format = |ui: &Ui, shortcuts: &[KeyboardShortcut]| {
+        shortcuts.iter().map(|keys| ui.ctx().format_shortcut(keys)).collect::<Vec<_>>().join(", ")
+    };
     egui::Grid::new("keys").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
-        let actions: Vec<(String, String)> = Action::all()
-            .chain([Action::Palette])
-            .filter_map(|action| Some((format(ui, action)?, action.label().into_owned())))
-            .collect();
-        let zoom = [("Ctrl +, Ctrl -, Ctrl 0".to_owned(), "Interface zoom".to_owned())];
-        for (keys, what) in actions.into_iter().chain(zoom) {
-            ui.label(RichText::new(keys).strong());
-            ui.label(what);
-            ui.end_row();
+        for (action, shortcuts) in actions_with_keys() {
+            entry(ui, format(ui, &shortcuts), action.label());
         }
+        entry(ui, ZOOM_KEYS.gesture, ZOOM_KEYS.effect);
     });
 }
 
 fn gestures(ui: &mut Ui, most: f32) {
     egui::Grid::new("gestures").num_columns(2).max_col_width(most).spacing([16.0, 4.0]).show(ui, |ui| {
-        for (keys, what) in ON_THE_MASK {
-            ui.label(RichText::new(keys).strong());
-            ui.label(what);
+        for (place, gestures) in [("On the mask", &ON_THE_MASK[..]), ("On other images", &ON_OTHER_IMAGES)] {
+            ui.weak(place);
             ui.end_row();
+            for Gesture { gesture, effect } in gestures {
+                entry(ui, *gesture, *effect);
+            }
         }
     });
+}
+
+/// A row of a grid: keys or a gesture, and the effect.
+fn entry(ui: &mut Ui, keys: impl Into<String>, effect: impl Into<egui::WidgetText>) {
+    ui.label(RichText::new(keys).strong());
+    ui.label(effect);
+    ui.end_row();
 }
 
 /// Shows the settings. Returns whether the dialog makes room for another.

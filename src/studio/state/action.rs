@@ -275,6 +275,18 @@ impl Action {
         Some(KeyboardShortcut::new(modifiers, key))
     }
 
+    /// Its shortcuts, the usual one first.
+    pub fn shortcuts(self) -> impl Iterator<Item = KeyboardShortcut> {
+        let second = match self {
+            // Common in other programs.
+            Self::Palette => Some(KeyboardShortcut::new(Modifiers::COMMAND, Key::K)),
+            // For keyboards without a Delete key.
+            Self::Delete => Some(KeyboardShortcut::new(Modifiers::NONE, Key::Backspace)),
+            _ => None,
+        };
+        self.shortcut().into_iter().chain(second)
+    }
+
     /// Actions whose shortcuts were pressed since the last frame, in order.
     pub fn pressed(ctx: &egui::Context) -> Vec<Self> {
         let focused = ctx.memory(egui::Memory::focused);
@@ -294,17 +306,8 @@ impl Action {
     /// Action of a key, if any. `typing` is true if a text field has the keyboard.
     fn of_key(modifiers: Modifiers, key: Key, typing: bool) -> Option<Self> {
         let is = |other: Modifiers, wanted: Key| key == wanted && modifiers.matches_logically(other);
-        // A second shortcut that is common in other programs.
-        if is(Modifiers::COMMAND, Key::K) {
-            return Some(Self::Palette);
-        }
-        // For keyboards without a Delete key.
-        if !typing && is(Modifiers::NONE, Key::Backspace) {
-            return Some(Self::Delete);
-        }
         let mut by_shortcut = Self::WITH_SHORTCUT.into_iter().filter(|action| !typing || !action.is_for_text());
-        by_shortcut
-            .find(|action| action.shortcut().is_some_and(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
+        by_shortcut.find(|action| action.shortcuts().any(|shortcut| is(shortcut.modifiers, shortcut.logical_key)))
     }
 
     /// Whether a text field handles this action for its own text.

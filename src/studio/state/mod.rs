@@ -7,6 +7,7 @@ pub mod copied_numbers;
 pub mod dialogs;
 pub mod edit_history;
 pub mod estimates;
+pub mod keys;
 pub mod locks;
 pub mod mask;
 pub mod messages;
