@@ -90,6 +90,23 @@ fn every_page_is_in_the_table_of_contents() {
     assert!(unlisted.is_empty(), "{unlisted:#?}");
 }
 
+/// The book has the pages of `docs` and finds the images in `assets`. It has no other file.
+#[test]
+fn pages_of_the_book_link_to_what_it_has() {
+    let book = [root().join("docs"), root().join("assets")].map(|folder| folder.canonicalize().unwrap());
+    let mut outside = Vec::new();
+    for page in pages().into_iter().filter(|page| page.starts_with(root().join("docs"))) {
+        for target in targets(&read(&page)).into_iter().filter(|target| !target.contains("://")) {
+            let file = target.split('#').next().unwrap_or_default();
+            let path = page.parent().unwrap().join(file).canonicalize();
+            if !file.is_empty() && !path.is_ok_and(|path| book.iter().any(|folder| path.starts_with(folder))) {
+                outside.push(format!("{}: {target}", page.strip_prefix(root()).unwrap().display()));
+            }
+        }
+    }
+    assert!(outside.is_empty(), "{outside:#?}");
+}
+
 #[test]
 fn broken_links_would_be_found() {
     let text = "# A title, of `code`\n[one](two.md#three) and ![four](five.png)\n```\n[no](link)\n```\n`[no](link)`\n";

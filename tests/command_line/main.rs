@@ -1,6 +1,7 @@
 //! The program as users run it: the built binary, its files, its sentences and its exit codes.
 
 mod display;
+mod documentation;
 mod failures;
 mod inputs;
 mod measured;
@@ -39,7 +40,11 @@ impl Bench {
     }
 
     fn command(&self) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_lenslet-studio"));
+        self.process(env!("CARGO_BIN_EXE_lenslet-studio"))
+    }
+
+    fn process(&self, program: &str) -> Command {
+        let mut command = Command::new(program);
         command.current_dir(self.folder.path()).env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
         command
     }
