@@ -41,36 +41,51 @@ impl Arguments {
 
 /// Bounds and Tamura coefficients of a design.
 #[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DesignBounds {
+    /// Description of the mask.
     encoder: String,
+    /// The objects, by the text of their source.
     objects: String,
+    /// Fingerprint of the objects.
     objects_fingerprint: String,
     /// Description of the objects.
     scene: String,
+    /// Noise of the sensor.
     noise: String,
+    /// Seed of objects and noise.
     seed: u64,
-    /// None without noise.
+    /// Bounds, bits per pixel; none without noise.
     information: Option<Information>,
     /// Reason why there are no bounds.
     no_information: Option<String>,
+    /// Mean Tamura coefficient of the measurements.
     sensor_tamura: f64,
+    /// Mean Tamura coefficient of the objects.
     object_tamura: f64,
+    /// Notices on the objects.
     notices: Vec<String>,
 }
 
 /// Bounds, bits per pixel.
 #[derive(Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct Information {
-    /// Rows and columns, pixels.
+    /// Rows and columns of the patch, pixels.
     patch: [usize; 2],
     /// Lower bound of the pretrained decoder; none without a known prior. The window uses other random draws.
     lower: Option<NamedBound>,
+    /// Upper bound of the Gaussian of the same mean and covariance.
     gaussian_bound: f64,
     /// Whether the Gaussian number is an upper bound (in place of an approximation).
     gaussian_is_bound: bool,
+    /// Its 95 % interval.
     gaussian_interval_95: [f64; 2],
+    /// Entropy of the measurements under this Gaussian.
     entropy_y: f64,
+    /// Entropy of the noise.
     entropy_y_given_x: f64,
+    /// Object-entropy bound; none where the entropy of the objects is unknown.
     ceiling: Option<f64>,
 }
 

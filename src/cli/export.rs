@@ -34,11 +34,17 @@ pub struct Arguments {
     json: bool,
 }
 
+/// The export as JSON.
 #[derive(Serialize)]
-struct Exported {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Exported {
+    /// Description of the mask.
     encoder: String,
+    /// Rows of the PSF, pixels.
     psf_rows: usize,
+    /// Columns of the PSF, pixels.
     psf_cols: usize,
+    /// Paths of the written files.
     files: Vec<String>,
 }
 

@@ -14,6 +14,8 @@ mod optimize;
 mod optimize_runs;
 mod output;
 mod reproduce;
+#[cfg(test)]
+mod schemas;
 mod simulate;
 mod study;
 mod tamura;
@@ -186,7 +188,10 @@ mod tests {
             let text = std::fs::read_to_string(page).unwrap();
             let blocks = text.split("```").skip(1).step_by(2).flat_map(str::lines);
             let of_program = blocks.filter(|line| line.starts_with("lenslet-studio "));
-            found.extend(of_program.map(|line| line.split(" #").next().unwrap_or_default().to_owned()));
+            // A comment and a file for the output are the shell's.
+            found.extend(of_program.map(|line| {
+                line.split(" #").next().and_then(|line| line.split(" > ").next()).unwrap_or_default().to_owned()
+            }));
         }
         found
     }

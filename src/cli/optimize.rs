@@ -161,11 +161,17 @@ const MOST_STARTS: usize = 1000;
 
 /// Result as JSON.
 #[derive(Debug, Serialize)]
-struct Outcome<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Outcome<'a> {
+    /// Folder of the run.
     folder: String,
+    /// Paths of the written files.
     files: Vec<String>,
+    /// The first checkpoint.
     start: &'a Checkpoint,
+    /// The last checkpoint.
     end: &'a Checkpoint,
+    /// The record, as `run.json`.
     record: &'a IdealRecord,
     /// Results of several starts, the best first.
     ranked: &'a [RankedStart],

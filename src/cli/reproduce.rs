@@ -28,16 +28,23 @@ pub struct Arguments {
     json: bool,
 }
 
+/// The numbers of a live estimate, recomputed, as JSON.
 #[derive(Serialize)]
-struct RepeatedEstimate {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RepeatedEstimate {
     #[serde(flatten)]
     repeated: Repeated,
+    /// Bounds of the design, as `bounds` prints them.
     bounds: DesignBounds,
 }
 
+/// A run, recomputed, as JSON.
 #[derive(Serialize)]
-struct RepeatedRun<'a> {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RepeatedRun<'a> {
+    /// The run now, as `run.json`.
     record: &'a IdealRecord,
+    /// The run of the record.
     recorded: &'a IdealRecord,
     /// Whether masks and values are bit-identical.
     same: bool,

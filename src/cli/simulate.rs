@@ -45,17 +45,29 @@ pub struct Arguments {
     json: bool,
 }
 
+/// The simulation as JSON.
 #[derive(Serialize)]
-struct Measured {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct Measured {
+    /// The objects, by the text of their source.
     objects: String,
+    /// Fingerprint of the objects.
     objects_fingerprint: String,
+    /// Description of the mask.
     encoder: String,
+    /// Noise of the sensor.
     noise: String,
+    /// Seed of objects and noise.
     seed: u64,
+    /// Shape of the file of objects: (n, rows, cols), or (n, planes, rows, cols).
     object_shape: Vec<usize>,
+    /// Shape of the files of measurements: (n, rows, cols).
     measurement_shape: Vec<usize>,
+    /// Tamura coefficient of the measurements.
     tamura: Summary,
+    /// Notices on the objects.
     notices: Vec<String>,
+    /// Paths of the written files.
     files: Vec<String>,
 }
 

@@ -26,6 +26,7 @@ pub struct Arguments {
 
 /// Mean and standard deviation of Tamura coefficients.
 #[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Summary {
     /// Mean.
     pub mean: f64,

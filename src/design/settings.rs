@@ -19,6 +19,7 @@ use crate::optics::LensletArray;
 /// assert_eq!(settings.patch, Some((16, 16)));
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
     /// Warm refits of the objective model every few steps: on whole measurements for a decoder, on patches of 32 x 32 px for a
@@ -59,6 +60,7 @@ impl FromStr for Preset {
 /// assert_eq!(Objective::default(), Objective::Density);
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Objective {
     /// Upper bound by a causal density model of the measurements, for any objects. Where scenes are sparse, a mask can exploit
@@ -134,6 +136,7 @@ impl FromStr for Objective {
 
 /// Learning rates of the parameters of a lenslet: the size of one step, about.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Rates {
     /// Rate of centres, px.
     pub position: f64,
@@ -158,6 +161,7 @@ impl Rates {
 
 /// Parameters that the optimizer may change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Free {
     /// Centres.
     pub positions: bool,
@@ -182,6 +186,7 @@ impl Default for Free {
 /// assert!(settings.check(&heuristic_layout(9)).is_ok());
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IdealSettings {
     /// Preset that the settings come from.
     pub preset: Preset,

@@ -13,6 +13,7 @@ use crate::optics::LensletArray;
 
 /// The mask at the beginning of a round, and its information on held-out objects.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Checkpoint {
     /// Steps of the mask so far.
     pub step: usize,
@@ -64,6 +65,7 @@ pub fn gain_summary(checkpoints: &[Checkpoint], objective: Objective) -> Option<
 
 /// Event of a run besides gradient steps.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum IdealEvent {
     /// A gradient was not finite: Adam ignored it, the mask went back to where the step began, and the step scale was halved.

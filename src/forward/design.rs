@@ -21,6 +21,7 @@ use crate::sensor::{DEFAULT_BIAS, Noise};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Design {
     /// The mask.
     pub encoder: Encoder,

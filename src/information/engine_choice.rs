@@ -16,6 +16,7 @@ pub struct UnknownEngine {
 
 /// Compute backend of a `PixelCNN`. Its names are stable: the command line and files use them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(into = "String", try_from = "String")]
 pub enum EngineChoice {
     /// `cpu`: the fused kernels of [`crate::nn`], on all threads. Equal seeds give equal bits.

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 /// assert!(Estimator::Causal.default_budget() < Estimator::Bracket.default_budget());
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
     /// Gaussian with one mean and a covariance by lag, fitted to patches.

@@ -25,6 +25,7 @@ const CHOICES: &str = "beads:0.02, beads-max:0.05, volume:5:0.02, idx:FILE, cifa
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema), schemars(extend("examples" = ["beads:0.02", "idx:FILE"])))]
 #[serde(try_from = "String", into = "String")]
 pub enum ObjectSource {
     /// `beads:0.02`: blurred point sources on this share of the pixels, scaled to a mean photon count over the set.

@@ -20,6 +20,7 @@ pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
     reason = "the unsafe code is in ndarray's slicing macro, not in an invariant"
 )]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Diffuser {
     /// Side of the square, centred aperture in pixels, 1 to 32.
     pub aperture_px: usize,

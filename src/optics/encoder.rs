@@ -22,6 +22,7 @@ use crate::plural::counted;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Encoder {
     /// An array of lenslets.
@@ -34,6 +35,7 @@ pub enum Encoder {
 
 /// An imported PSF with its origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
 pub struct PsfImage {
     /// Shape (rows, cols), not negative, sum 1.
@@ -93,8 +95,11 @@ impl Encoder {
 
 /// JSON form of a PSF image: rows of numbers.
 #[derive(Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 struct PsfImageRecord {
+    /// File name, or another name.
     origin: String,
+    /// Rows of numbers, not negative. Opening scales them to sum 1.
     psf: Vec<Vec<f32>>,
 }
 

@@ -5,6 +5,7 @@ use thiserror::Error;
 
 /// Shape of the focal spot of one lenslet, a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Spot {
     /// The same width in every direction.
@@ -73,6 +74,7 @@ impl Spot {
 /// assert_eq!(lenslet.spot.mean_sigma(), 2.0);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Lenslet {
     /// Column of the spot's centre in pixels.
     #[serde(rename = "x_px")]
@@ -112,6 +114,7 @@ impl Lenslet {
 /// assert!(array.check().is_ok());
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct LensletArray {
     /// Rows of the PSF grid in pixels.
     pub rows: usize,
@@ -267,6 +270,7 @@ const MAX_PLANES: usize = 64;
 /// assert!(limits.min_sigma_px > 0.5 && limits.central_share < 1.0);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Limits {
     /// Smallest standard deviation in pixels.
     pub min_sigma_px: f64,

@@ -29,6 +29,7 @@ const LEAST_HIDING_SIGMA: f64 = 0.5;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema), schemars(extend("examples" = ["shot", "read:5", "shot+read:2", "none"])))]
 #[serde(try_from = "String", into = "String")]
 pub enum Noise {
     /// No noise: the measurement is the encoded image. Information is then unbounded, so estimates refuse it.

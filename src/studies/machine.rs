@@ -6,6 +6,7 @@ use crate::plural::counted;
 
 /// The machine that computed a cell: seconds mean little without it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Machine {
     /// Model of the processor, or its kind where the system does not name the model.
     pub processor: String,

@@ -14,6 +14,7 @@ use crate::sensor::Noise;
 
 /// A published estimate, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Published {
     /// The estimate, bits per pixel.
     pub bits_per_pixel: f64,
@@ -23,6 +24,7 @@ pub struct Published {
 
 /// An image set of the published study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum PublishedSet {
     /// CIFAR-10.

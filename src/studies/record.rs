@@ -17,6 +17,7 @@ const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study")
 
 /// A study as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudyRecord {
     /// Always "lenslet-studio/study".
     pub format: String,
@@ -38,6 +39,7 @@ pub struct StudyRecord {
 
 /// One cell: an estimate with all that belongs to it, or the sentence that says why there is none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudyCell {
     /// The objects, by the text of their source.
     pub objects: String,

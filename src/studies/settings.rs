@@ -28,6 +28,7 @@ const PATCH_SIDE: usize = 32;
 
 /// The kind of a study, which decides its tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StudyKind {
     /// Objects and designs against published values.
@@ -50,6 +51,7 @@ impl fmt::Display for StudyKind {
 
 /// A set of objects of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudyObjects {
     /// Source of the objects.
     pub source: ObjectSource,
@@ -68,6 +70,7 @@ impl StudyObjects {
 
 /// A mask of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudyDesign {
     /// `heuristic:9` for a heuristic layout, a description for other masks.
     pub name: String,
@@ -101,6 +104,7 @@ impl StudyDesign {
 
 /// All settings that decide the numbers of a study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudySettings {
     /// The kind of the study.
     pub kind: StudyKind,

@@ -13,6 +13,7 @@ const MARGINS: [f64; 3] = [0.02, 0.005, 0.0];
 
 /// Summary of the cells computed so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StudySummary {
     /// Cells of the settings.
     pub cells: usize,
@@ -32,6 +33,7 @@ pub struct StudySummary {
 
 /// Estimates at or below the published value and a margin.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct WithinPublished {
     /// The margin, bits per pixel.
     pub margin: f64,
@@ -47,6 +49,7 @@ pub struct WithinPublished {
 
 /// Agreement with the published order of the designs for one set of objects.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RankCorrelation {
     /// The objects.
     pub objects: String,
@@ -58,6 +61,7 @@ pub struct RankCorrelation {
 
 /// An estimate from patches beside that from the whole sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PatchToSensorRatio {
     /// The patch.
     pub patch: String,

@@ -9,6 +9,7 @@ mod optimize;
 mod options;
 mod outputs;
 mod python;
+mod schemas;
 mod streams;
 mod study;
 

@@ -17,6 +17,7 @@ use crate::information::decoder::lower_bound::LowerBound;
 /// assert_eq!(bound.interval_95, [0.41, 0.41]);
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct NamedBound {
     /// Source.
     pub from: BoundMethod,
@@ -85,6 +86,7 @@ impl From<&AisBound> for NamedBound {
 /// assert_eq!((bracket.lower, bracket.upper), (Some(0.25), 0.41));
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Bracket {
     /// Lower bound, bits per pixel; `None` for objects with an unknown prior.
     pub lower: Option<f64>,

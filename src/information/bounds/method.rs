@@ -118,6 +118,26 @@ impl<'de> Deserialize<'de> for BoundMethod {
     }
 }
 
+/// Any of the names in files.
+#[cfg(test)]
+impl schemars::JsonSchema for BoundMethod {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "BoundMethod".into()
+    }
+
+    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let names: Vec<&str> = NAMES.iter().map(|(_, name)| *name).collect();
+        schemars::json_schema!({
+            "description": "The method that a bound comes from.",
+            "anyOf": [
+                {"enum": names},
+                generator.subschema_for::<Estimator>(),
+                {"type": "string", "pattern": format!("^{RUN}[0-9]+$")},
+            ],
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

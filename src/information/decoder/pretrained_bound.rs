@@ -13,6 +13,7 @@ use crate::progress::Progress;
 
 /// A lower bound by a decoder without any fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PretrainedLowerBound {
     /// Bits per pixel of the patch.
     pub bits_per_pixel: f64,

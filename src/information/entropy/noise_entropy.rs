@@ -14,6 +14,7 @@ use crate::sensor::Noise;
 
 /// Protocol of an estimate: exact entropies, or the published procedure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Protocol {
     /// Exact entropies of the noise; only whole counts are dequantised.

@@ -17,6 +17,7 @@ pub struct TestPatches {
 
 /// Difference of two estimates, bits per pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PairedDifference {
     /// The difference of the two.
     pub bits_per_pixel: f64,

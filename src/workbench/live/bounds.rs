@@ -22,6 +22,7 @@ const EDIT_BLOCK: usize = 64;
 
 /// Source of a bound that uses the prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum BoundSource {
     /// The pretrained decoder, on at most this many samples.

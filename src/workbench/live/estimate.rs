@@ -59,6 +59,7 @@ pub struct LiveEstimate {
 
 /// Recipe of a live estimate. From the same start it reproduces the numbers, bit for bit on one machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ReplayRecipe {
     /// Steps that the fit was planned for, which its learning rates depend on.
     pub planned: usize,
@@ -83,6 +84,7 @@ pub struct ReplayRecipe {
 
 /// A new number of steps for a running fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Revision {
     /// Steps taken before the change.
     pub after: usize,

@@ -22,9 +22,11 @@ pub(crate) const LIVE_ESTIMATE: DocumentKind =
 
 /// A live estimate with its design and its recipe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct LiveRecord {
     format: String,
     format_version: u64,
+    /// Version of the program that computed the estimate.
     program_version: String,
     /// The design, its objects by absolute path.
     pub design: Design,
@@ -43,6 +45,7 @@ pub struct LiveRecord {
 
 /// The numbers of a live estimate, bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct LiveNumbers {
     /// The estimate, an upper bound.
     pub bits_per_pixel: f64,
@@ -87,6 +90,7 @@ impl LiveNumbers {
 
 /// Result of recomputing a live estimate.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Repeated {
     /// The numbers now.
     pub numbers: LiveNumbers,

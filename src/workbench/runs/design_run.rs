@@ -86,6 +86,7 @@ pub struct RunBounds {
 
 /// The result of one start.
 #[derive(Clone, Debug, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RankedStart {
     /// Name of the start.
     pub name: String,

@@ -23,6 +23,7 @@ pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "
 
 /// Record of a run, as its file holds it. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct IdealRecord {
     /// Always "lenslet-studio/ideal".
     pub format: String,

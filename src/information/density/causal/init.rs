@@ -33,15 +33,21 @@ pub enum Init<'a> {
 /// Data that a fit takes from the model of a similar design. The numbers pass through a file unchanged, so a fit that
 /// starts from them is reproducible.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct CausalStart {
+    /// Size of the network.
     pub(super) shape: CausalShape,
+    /// Noise of its measurements.
     pub(super) noise: Noise,
+    /// Range of its measurements.
     pub(super) span: LevelSpan,
-    /// Units of the inputs: mean and inverse deviation of the roots of photons, and of photons.
+    /// Units of one input: mean and inverse deviation of the roots of photons.
     pub(super) roots: (f32, f32),
+    /// Units of the other input: mean and inverse deviation of photons.
     pub(super) photons: (f32, f32),
     /// Far places (rows down, columns right), px.
     pub(super) far: Vec<(isize, isize)>,
+    /// All weights of the network.
     pub(super) weights: Vec<f32>,
 }
 

@@ -115,9 +115,11 @@ struct Table {
 
 /// Range and kind of the measurements for which levels are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub(super) struct LevelSpan {
-    /// Darkest and brightest pixel, photons.
+    /// Darkest pixel, photons.
     low: f64,
+    /// Brightest pixel, photons.
     high: f64,
     /// Whether the measurements are whole numbers from shot noise.
     counts: bool,

@@ -16,6 +16,7 @@ pub(super) const FAR_CHANNELS: usize = 8;
 
 /// Size of the network.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct CausalShape {
     /// Channels C of the hidden layers.
     pub(super) channels: usize,
