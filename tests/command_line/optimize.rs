@@ -175,7 +175,7 @@ fn failed_start_is_reported_even_with_a_closed_pipe() {
 #[test]
 fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
-    let line = two_starts(&bench, 66);
+    let line = two_starts(&bench, 48);
     let told = bench.json(&line);
     // The best start failed before.
     let mut order = read(&bench, "a/order.json");
