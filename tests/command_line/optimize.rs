@@ -175,7 +175,7 @@ fn failed_start_is_reported_even_with_a_closed_pipe() {
 #[test]
 fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
-    let line = two_starts(&bench, 48);
+    let line = two_starts(&bench, 66);
     let told = bench.json(&line);
     // The best start failed before.
     let mut order = read(&bench, "a/order.json");
@@ -214,8 +214,9 @@ fn scores_of_later_starts_survive_a_failure() {
 fn default_objective_of_beads_is_the_decoder() {
     let bench = Bench::new();
     let line = TINY.replace(" --objective density", "");
-    let line =
-        format!("{line} --config {{\"first_fit\":4,\"refit_every\":4,\"refit\":2,\"last_fit\":2,\"patches\":4}}");
+    let line = format!(
+        "{line} --config {{\"first_fit\":4,\"refit_every\":4,\"refit\":2,\"last_fit\":2,\"patches\":4,\"relocation_candidates\":2}}"
+    );
     let told = bench.json(&format!("{line} --steps 5 --out a"));
     let record = read(&bench, "a/run.json");
     assert_eq!(record["settings"]["objective"], json!("posterior"));

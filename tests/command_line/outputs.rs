@@ -274,7 +274,6 @@ fn light_from_planes_that_the_objects_do_not_have_is_told() {
         (format!("bounds {scene}"), "notices"),
         (format!("simulate {scene} --count 1 --out a"), "notices"),
         (format!("estimate {scene} {sizes}"), "notes"),
-        (format!("estimate {scene} {sizes} --estimator gaussian-analytic"), "notes"),
         (format!("estimate {scene} {sizes} --estimator causal --steps 2"), "notes"),
     ] {
         let found = bench.json(&line)[entry].to_string();
