@@ -421,7 +421,7 @@ mod tests {
         assert_eq!(snapshots.due(start), None);
         snapshots.entries[1].changed = Change::Numbers;
         let second = Duration::from_secs(1);
-        assert_eq!(snapshots.due(start + second), Some(WRITE_EVERY - second));
+        assert_eq!(snapshots.due(start + second), WRITE_EVERY.checked_sub(second));
         assert!(snapshots.changes(start + second, false).is_empty());
         assert_eq!(snapshots.changes(start + WRITE_EVERY, false).len(), 1);
         snapshots.entries[0].rename("mine".into());
