@@ -188,9 +188,10 @@ mod tests {
             let text = std::fs::read_to_string(page).unwrap();
             let blocks = text.split("```").skip(1).step_by(2).flat_map(str::lines);
             let of_program = blocks.filter(|line| line.starts_with("lenslet-studio "));
-            // A comment and a file for the output are the shell's.
+            // A comment, a file for the output, and quotes around a word are the shell's.
             found.extend(of_program.map(|line| {
-                line.split(" #").next().and_then(|line| line.split(" > ").next()).unwrap_or_default().to_owned()
+                let command = line.split(" #").next().and_then(|line| line.split(" > ").next());
+                command.unwrap_or_default().replace('\'', "")
             }));
         }
         found
