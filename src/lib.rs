@@ -16,6 +16,7 @@
 //! | 2 | [`forward`] | the forward model: objects, mask and sensor |
 //! | 3 | [`information`] | entropies, density models, decoder, annealed importance sampling, bounds, the estimate |
 //! | 4 | [`design`] | IDEAL: the mask optimized by the information of its measurements |
+//! | 4 | [`reconstruction`] | objects from measurements: linear, total variation; image quality |
 //! | 5 | [`evaluation`] | one design evaluated: its scene, bounds, estimates and their checkpoints |
 //! | 6 | [`studies`] | a study: a grid of cells, its runner, tables and plots |
 //! | 7 | [`workbench`] | the open design, commands, live estimate, estimates, runs, jobs, exports |
@@ -43,6 +44,7 @@ pub mod optics;
 pub mod plural;
 pub mod prelude;
 pub mod progress;
+pub mod reconstruction;
 pub mod seeds;
 pub mod sensor;
 pub mod sparsity;

@@ -53,6 +53,12 @@ pub enum SeedStream {
     AisUpper,
     /// Scenes of the comparison of a mask with that before the last edit.
     EditComparison,
+    /// Held-out objects of an evaluation of decoders.
+    ReconstructionObjects,
+    /// Noise of their measurements.
+    ReconstructionNoise,
+    /// Objects and noise that a prior or its uncertainty is computed from.
+    ReconstructionPrior,
     /// One batch of objects, by the index of its first one.
     Batch {
         /// Index of the first object.
@@ -119,6 +125,9 @@ impl SeedStream {
             Self::AisLower => 8,
             Self::AisUpper => 9,
             Self::EditComparison => 10,
+            Self::ReconstructionObjects => 11,
+            Self::ReconstructionNoise => 12,
+            Self::ReconstructionPrior => 13,
             Self::Batch { first: index } | Self::Block { index } => index as u64,
             Self::TrainingProblem { number } => number,
             Self::BatchNoise => u64::MAX,

@@ -13,6 +13,7 @@ mod headless;
 mod optimize;
 mod optimize_runs;
 mod output;
+mod reconstruct;
 mod reproduce;
 #[cfg(test)]
 mod schemas;
@@ -67,6 +68,8 @@ enum Command {
     Optimize(optimize::Arguments),
     /// Estimate a table of objects, designs and patches (resumable) and write it into a folder.
     Study(study::Arguments),
+    /// Reconstruct objects: the image quality of a decoder for a design, or the object of a real capture.
+    Reconstruct(reconstruct::Arguments),
     /// Recompute a live estimate or a run from its record, and compare the results.
     #[command(alias = "repeat")]
     Reproduce(reproduce::Arguments),
@@ -123,6 +126,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Estimate(arguments)) => arguments.run(),
         Some(Command::Optimize(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
+        Some(Command::Reconstruct(arguments)) => arguments.run(),
         Some(Command::Reproduce(arguments)) => arguments.run(),
         Some(Command::Tamura(arguments)) => arguments.run(),
         Some(Command::Completions { shell }) => {

@@ -46,6 +46,15 @@ impl Samples {
         }
     }
 
+    /// Largest value; 0 where none is above.
+    fn brightest(&self) -> f32 {
+        match self {
+            Self::U8(values) => values.iter().copied().max().map_or(0.0, f32::from),
+            Self::U16(values) => values.iter().copied().max().map_or(0.0, f32::from),
+            Self::F32(values) => values.iter().copied().fold(0.0, f32::max),
+        }
+    }
+
     /// All values as `f32`, without a copy where they have that type.
     pub fn into_f32(self) -> Vec<f32> {
         match self {
@@ -196,6 +205,14 @@ pub struct PixelStack {
 }
 
 impl PixelStack {
+    /// Value of a truth of 1 in image quality: 255 for 8-bit files, the brightest pixel for others, whose range is seldom used.
+    pub fn peak(&self) -> f32 {
+        match self.white {
+            Some(white) if white == u16::from(u8::MAX) => f32::from(white),
+            _ => self.samples.brightest(),
+        }
+    }
+
     /// Grey images from their samples.
     pub fn new(pages: usize, rows: usize, cols: usize, samples: Samples) -> Self {
         let understood = Understood::default();

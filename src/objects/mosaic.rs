@@ -26,6 +26,8 @@ pub(super) struct Mosaic {
     places: Vec<Place>,
     tile: usize,
     photons_per_count: f64,
+    /// Count of a truth of 1.
+    peak: f32,
 }
 
 impl Mosaic {
@@ -33,6 +35,7 @@ impl Mosaic {
     /// the largest side of any larger image. The pixels have been checked to be finite and not negative.
     pub(super) fn new(stacks: Vec<PixelStack>, mean: f64) -> Option<Self> {
         let (mut samples, mut places, mut tile) = (Samples::U8(Vec::new()), Vec::new(), COMMON_TILE_PX);
+        let peak = stacks.iter().map(PixelStack::peak).fold(0.0, f32::max);
         for stack in stacks {
             let pixels = stack.rows * stack.cols;
             tile = tile.max(stack.rows).max(stack.cols);
@@ -46,7 +49,7 @@ impl Mosaic {
         }
         let total = total(&samples);
         let counts = total / (places.len() * tile * tile) as f64;
-        (total > 0.0).then(|| Self { samples, places, tile, photons_per_count: mean / counts })
+        (total > 0.0).then(|| Self { samples, places, tile, photons_per_count: mean / counts, peak })
     }
 
     pub(super) fn images(&self) -> usize {
@@ -55,6 +58,11 @@ impl Mosaic {
 
     pub(super) fn tile(&self) -> usize {
         self.tile
+    }
+
+    /// Photons of a truth of 1.
+    pub(super) fn peak(&self) -> f64 {
+        f64::from(self.peak) * self.photons_per_count
     }
 
     /// Draws tiles from `members` for an object of shape (rows, cols). Returns each image with the first row and column
@@ -92,7 +100,7 @@ impl Mosaic {
     }
 
     /// Passes the pixels of an image as (row, col, photons) within its tile.
-    fn for_each_pixel(&self, image: usize, mut take: impl FnMut(usize, usize, f64)) {
+    pub(super) fn for_each_pixel(&self, image: usize, mut take: impl FnMut(usize, usize, f64)) {
         let Place { start, rows, cols } = self.places[image];
         let (rows, cols) = (rows as usize, cols as usize);
         let (top, left) = ((self.tile - rows) / 2, (self.tile - cols) / 2);

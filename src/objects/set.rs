@@ -18,7 +18,9 @@ use super::load::{Loaded, load};
 use super::mosaic::Mosaic;
 use super::split::Parts;
 use super::whole_images::WholeImages;
-use super::{BeadPrior, ObjectError, ObjectSource, Split};
+use super::{ObjectError, ObjectSource, Split};
+
+mod base_images;
 
 /// Longest side of an image that is made into mosaics, px.
 const LONGEST_TILE_PX: usize = 1024;
@@ -404,14 +406,6 @@ impl ObjectSet {
             Content::Beads(beads) => beads.autocovariance(max_lag),
             Content::Mosaic(mosaic, parts) => mosaic.autocovariance(parts.members(split), max_lag),
             Content::Whole(images, parts) => images.autocovariance(parts.members(split), max_lag),
-        }
-    }
-
-    /// Prior of the beads; `None` for images, whose prior is unknown.
-    pub fn bead_prior(&self) -> Option<BeadPrior> {
-        match &self.content {
-            Content::Beads(beads) => Some(beads.prior().clone()),
-            _ => None,
         }
     }
 }

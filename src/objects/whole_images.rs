@@ -33,6 +33,11 @@ impl WholeImages {
         self.stack.pages
     }
 
+    /// Photons of a truth of 1.
+    pub(super) fn peak(&self) -> f64 {
+        f64::from(self.stack.peak()) * self.photons_per_count
+    }
+
     /// Members in the order of this seed. Objects take them in turn, so none repeats before all were used.
     pub(super) fn order(members: &[u32], split: Split, seed: u64) -> Vec<u32> {
         let mut order = members.to_vec();

@@ -20,6 +20,7 @@ pub use export::colormap::Colormap;
 pub use export::design_files::{
     Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design,
 };
+pub use export::reconstruction_files::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use jobs::commands::{bounds_command, estimate_command, images_command, reproduce_command, run_command};
 pub use jobs::job::{Job, Outcome};

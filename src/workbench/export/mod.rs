@@ -2,4 +2,5 @@
 
 pub mod colormap;
 pub mod design_files;
+pub mod reconstruction_files;
 pub mod stacks;

@@ -1,0 +1,332 @@
+//! `reconstruct`: objects from simulated measurements with their image quality, or from a real capture.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use clap::Args;
+use ndarray::{Array3, Array4, Axis};
+use serde::Serialize;
+
+use super::choices::{about_objects, check_count, check_folder, names_of};
+use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
+use super::failure::Failure;
+use super::output;
+use super::output::ProgressLine;
+use crate::forward::{ForwardModel, notices_of};
+use crate::information::{Protocol, with_interval};
+use crate::progress::CancelToken;
+use crate::reconstruction::{
+    Capture, CaptureChannel, CaptureFiles, DarkLevel, DecoderKind, DecoderQuality, DecoderScene, DecoderTest, Evaluated,
+    ImagingModel, ReconstructionError, ReconstructionStep,
+};
+use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
+
+/// Fewest test objects, as one has no interval, and most.
+const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
+/// Most examples.
+const MOST_EXAMPLES: usize = 1000;
+/// Largest side of squares that are averaged, px.
+const LARGEST_BIN: usize = 64;
+
+/// Arguments of `reconstruct`.
+#[derive(Args, Debug)]
+pub struct Arguments {
+    #[command(flatten)]
+    design: DesignArgs,
+
+    #[command(flatten)]
+    scene: SceneArgs,
+
+    #[command(flatten)]
+    capture: CaptureArgs,
+
+    /// Decoder [default: linear; of a capture tv].
+    #[arg(long, value_enum)]
+    decoder: Option<DecoderKind>,
+
+    /// default: the scene as it is; paper: each object alone scaled to 100 photons per pixel, no background, shot noise.
+    #[arg(long, default_value_t = Protocol::Default, conflicts_with = "measurement")]
+    protocol: Protocol,
+
+    /// Test objects, made of images that no prior was learned from.
+    #[arg(long, default_value_t = 500, conflicts_with = "measurement")]
+    test: usize,
+
+    /// Folder for reconstructions.npy and images; created if missing.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Test objects that are also written as images: truth, measurement, reconstruction, error.
+    #[arg(long, default_value_t = 4, requires = "out", conflicts_with = "measurement")]
+    examples: usize,
+
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A real capture in place of a design.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Capture of a camera")]
+struct CaptureArgs {
+    /// Capture in place of a design: NPY, NPZ, TIFF, PNG or JPEG, grey or colour. FILE?channel=green takes one channel.
+    #[arg(
+        long, value_name = "FILE", requires = "psf",
+        conflicts_with_all = ["design", "mask", "seed", "objects", "mean_photons", "bias", "noise"]
+    )]
+    measurement: Option<PathBuf>,
+
+    /// Photograph of the point spread function of that camera, no larger than the capture.
+    #[arg(long, value_name = "FILE", requires = "measurement")]
+    psf: Option<PathBuf>,
+
+    /// Grey value (DN) without light, or a capture without light [default: the corners of the PSF].
+    #[arg(long, value_name = "DN or FILE", requires = "measurement")]
+    dark: Option<DarkLevel>,
+
+    /// Average squares of this side, of capture and PSF alike.
+    #[arg(long, value_name = "PIXELS", default_value_t = 1, requires = "measurement")]
+    bin: usize,
+}
+
+/// Result for a design.
+#[derive(Serialize)]
+struct TestResult {
+    encoder: String,
+    objects: String,
+    objects_fingerprint: String,
+    noise: String,
+    #[serde(flatten)]
+    quality: DecoderQuality,
+    notices: Vec<String>,
+    files: Vec<String>,
+}
+
+/// Result for a capture.
+#[derive(Serialize)]
+struct CaptureResult {
+    decoder: DecoderKind,
+    measurement: String,
+    psf: String,
+    /// Frames, rows and columns after binning.
+    measurement_shape: [usize; 3],
+    /// Frames, rows and columns of the objects, and channels where there are several.
+    object_shape: Vec<usize>,
+    /// First row and column of the part of the object that lies before the sensor.
+    sensor_corner: [usize; 2],
+    /// Estimated DN per photon of each channel.
+    gain: Vec<f64>,
+    /// Estimated read noise of each channel, photons.
+    read_noise: Vec<f64>,
+    seconds: f64,
+    notices: Vec<String>,
+    files: Vec<String>,
+}
+
+/// Errors of a test: of the decoder, or of the files.
+#[derive(Debug, thiserror::Error)]
+enum TestError {
+    #[error(transparent)]
+    Reconstruction(#[from] ReconstructionError),
+    #[error(transparent)]
+    Export(#[from] ExportError),
+}
+
+impl Arguments {
+    /// Runs the command.
+    pub fn run(self) -> Result<(), Failure> {
+        match &self.capture.measurement {
+            Some(measurement) => self.reconstruct_capture(measurement.clone()),
+            None => self.test_design(),
+        }
+    }
+
+    fn test_design(&self) -> Result<(), Failure> {
+        check_count("--test", self.test, TEST_OBJECTS)?;
+        check_count("--examples", self.examples, 0..=MOST_EXAMPLES)?;
+        let design = self.design.design(&self.scene)?;
+        if let Some(out) = &self.out {
+            check_folder(out)?;
+            self.design.check_inputs_stay(&[out.join(RECONSTRUCTIONS_FILE)], &design)?;
+        }
+        let forward = ForwardModel::open(&design).map_err(|error| about_objects(&design, error.into()))?;
+        if let Some(understood) = forward.set.understood() {
+            output::report(format_args!("{}: {understood}", design.objects));
+        }
+        let kind = self.decoder.unwrap_or_default();
+        let scene = DecoderScene::new(&forward, self.protocol)?;
+        let psf = forward.psf(&design)?;
+        let model = scene.model(psf.view())?;
+        let progress_line = ProgressLine::new();
+        progress_line.show(0, self.test, "Learning the prior");
+        let prior = Arc::new(scene.prior(&CancelToken::new())?);
+        let decoder = kind.decoder(Some(prior.clone()))?;
+        let (rows, cols) = scene.set.field();
+        let shape = [self.test, rows, cols];
+        let mut writer = self.out.as_ref().map(|out| ReconstructionWriter::create(out, &shape)).transpose()?;
+        let mut write = |part: &Evaluated<'_>| {
+            let Some(writer) = &mut writer else { return Ok(()) };
+            writer.append(part.reconstructions.into_dyn())?;
+            for index in 0..part.quality.len().min(self.examples.saturating_sub(part.first)) {
+                let example = ReconstructionExample {
+                    truth: part.test.objects.index_axis(Axis(0), index),
+                    measurement: part.test.measurements.index_axis(Axis(0), index),
+                    reconstruction: part.reconstructions.index_axis(Axis(0), index),
+                };
+                writer.example(part.first + index + 1, example)?;
+            }
+            Ok(())
+        };
+        let test = DecoderTest { objects: self.test, seed: design.seed };
+        let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
+        let quality =
+            test.run::<TestError>(&*decoder, &scene, &model, Some(&*prior), &mut on_progress, &mut write)?;
+        progress_line.finish();
+        let files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
+        let result = TestResult {
+            encoder: design.encoder.describe(),
+            objects: design.objects.to_string(),
+            objects_fingerprint: scene.set.fingerprint(),
+            noise: scene.noise.to_string(),
+            quality,
+            notices: notices_of(&design, &scene.set)?,
+            files: names_of(&files),
+        };
+        if self.json {
+            return output::print_json(&result);
+        }
+        for notice in &result.notices {
+            output::report(notice);
+        }
+        output::print(&result.lines().join("\n"))
+    }
+
+    fn reconstruct_capture(&self, measurement: PathBuf) -> Result<(), Failure> {
+        check_count("--bin", self.capture.bin, 1..=LARGEST_BIN)?;
+        // The flag is required with --measurement.
+        let psf = self.capture.psf.clone().unwrap_or_default();
+        let kind = self.decoder.unwrap_or(DecoderKind::TotalVariation);
+        let decoder = kind.decoder(None)?;
+        let files = CaptureFiles { measurement, psf, dark: self.capture.dark.clone(), bin: self.capture.bin };
+        if let Some(out) = &self.out {
+            check_folder(out)?;
+            let inputs = [files.measurement.clone(), files.psf.clone()];
+            check_inputs_stay(&inputs, &[out.join(RECONSTRUCTIONS_FILE)], ("--out", None))?;
+        }
+        let started = Instant::now();
+        let Capture { channels, notices } = files.open()?;
+        notices.iter().for_each(output::report);
+        let progress_line = ProgressLine::new();
+        let mut objects = Vec::new();
+        let mut corner = (0, 0);
+        for channel in &channels {
+            let CaptureChannel { measurements, psf, gain, noise } = channel;
+            let model = ImagingModel::of_capture(psf.view(), shape_of(measurements), *noise)?;
+            corner = model.sensor_corner();
+            let prepared = decoder.prepare(&model, &CancelToken::new())?;
+            let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
+            let found = prepared.reconstruct(measurements.view(), &mut on_progress)?;
+            objects.push(found.mapv(|photons| (f64::from(photons) * gain) as f32));
+        }
+        progress_line.finish();
+        let seconds = started.elapsed().as_secs_f64();
+        let objects = with_channels(&objects);
+        let measured: Vec<Array3<f32>> = channels
+            .iter()
+            .map(|channel| channel.measurements.mapv(|photons| (f64::from(photons) * channel.gain) as f32))
+            .collect();
+        let measured = with_channels(&measured);
+        let mut object_shape = objects.shape().to_vec();
+        if channels.len() == 1 {
+            object_shape.pop();
+        }
+        let mut written = Vec::new();
+        if let Some(out) = &self.out {
+            let mut writer = ReconstructionWriter::create(out, &object_shape)?;
+            writer.append(objects.view().into_dyn())?;
+            for (frame, (object, measured)) in objects.outer_iter().zip(measured.outer_iter()).enumerate() {
+                writer.image(&format!("reconstruction-{}", frame + 1), object)?;
+                writer.image(&format!("measurement-{}", frame + 1), measured)?;
+            }
+            written = writer.finish()?;
+        }
+        let (frames, rows, cols, _) = measured.dim();
+        let result = CaptureResult {
+            decoder: kind,
+            measurement: files.measurement.display().to_string(),
+            psf: files.psf.display().to_string(),
+            measurement_shape: [frames, rows, cols],
+            object_shape,
+            sensor_corner: corner.into(),
+            gain: channels.iter().map(|channel| channel.gain).collect(),
+            read_noise: channels.iter().filter_map(|channel| channel.noise.read_sigma()).collect(),
+            seconds,
+            notices,
+            files: names_of(&written),
+        };
+        if self.json {
+            return output::print_json(&result);
+        }
+        output::print(&result.lines().join("\n"))
+    }
+}
+
+/// Shows the progress of a reconstruction.
+fn show(line: &ProgressLine, step: &ReconstructionStep) -> ControlFlow<()> {
+    match step {
+        ReconstructionStep::Images { done, total } => line.show(*done, *total, "Reconstructing"),
+        ReconstructionStep::Iteration { done, most, .. } => line.show(*done, *most, "Iterating"),
+    }
+    ControlFlow::Continue(())
+}
+
+/// Rows and columns of a stack.
+fn shape_of(stack: &Array3<f32>) -> (usize, usize) {
+    (stack.len_of(Axis(1)), stack.len_of(Axis(2)))
+}
+
+/// Channels of shape (n, rows, cols) as one array of shape (n, rows, cols, channels).
+fn with_channels(channels: &[Array3<f32>]) -> Array4<f32> {
+    let (count, rows, cols) = channels.first().map_or((0, 0, 0), Array3::dim);
+    Array4::from_shape_fn((count, rows, cols, channels.len()), |(n, row, col, channel)| channels[channel][(n, row, col)])
+}
+
+impl TestResult {
+    fn lines(&self) -> Vec<String> {
+        let quality = &self.quality;
+        let number = |name: &str, value: f64, interval: [f64; 2]| format!("{name:<7}{}", with_interval(value, interval));
+        let mut lines = vec![
+            format!("{}: {} imaging {}, {} protocol", quality.decoder, self.encoder, self.objects, quality.protocol),
+            number("PSNR", quality.psnr_db, quality.psnr_db_interval_95) + " dB",
+        ];
+        if let (Some(constant), Some(interval)) = (quality.psnr_constant_db, quality.psnr_constant_db_interval_95) {
+            lines.push(format!("       {} dB for the mean object", with_interval(constant, interval)));
+        }
+        if let Some(closed_form) = quality.psnr_linear_closed_form_db {
+            let sample = with_interval(quality.psnr_unclipped_db, quality.psnr_unclipped_db_interval_95);
+            lines.push(format!("       {sample} dB not clipped; in closed form {closed_form:.3} dB"));
+        }
+        lines.push(number("SSIM", quality.ssim, quality.ssim_interval_95));
+        lines.push(number("MSE", quality.mse, quality.mse_interval_95));
+        if let (Some(r2), Some(interval)) = (quality.r2, quality.r2_interval_95) {
+            lines.push(number("R2", r2, interval));
+        }
+        lines.push(format!("{} test objects, seed {}, {:.1} s", quality.test_objects, quality.seed, quality.seconds));
+        lines.extend(self.files.iter().cloned());
+        lines
+    }
+}
+
+impl CaptureResult {
+    fn lines(&self) -> Vec<String> {
+        let text = |shape: &[usize]| shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");
+        let mut lines = vec![
+            format!("{} of {}: {}", self.decoder, self.measurement, text(&self.object_shape)),
+            format!("capture of {}, {:.1} s", text(&self.measurement_shape), self.seconds),
+        ];
+        lines.extend(self.files.iter().cloned());
+        lines
+    }
+}

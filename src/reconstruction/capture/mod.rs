@@ -1,0 +1,335 @@
+//! Captures of a camera and a photograph of its point spread function, prepared for decoders.
+//!
+//! Colour is read channel by channel. The dark level is subtracted from capture and PSF; saturated pixels count as not measured. Squares of
+//! pixels may be averaged. System gain and read noise are estimated from the capture itself.
+
+mod noise;
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use ndarray::{Array2, Array3, ArrayView2, Axis, s};
+use thiserror::Error;
+
+use crate::formats::{Channel, FormatError, ImageFile, ImageSummary, PixelStack};
+use crate::sensor::Noise;
+use noise::SensorNoise;
+
+/// Longest side of a capture after binning, px.
+const LONGEST_SIDE_PX: usize = 4096;
+/// Share of each side that a corner of the PSF takes, from which its background is read.
+const CORNER_SHARE: usize = 16;
+/// Pixels at the largest value, and share of all, from which on they are saturated.
+const SATURATED_PIXELS: usize = 16;
+const SATURATED_SHARE: f64 = 1e-4;
+/// Least largest value of a file of counts whose pixels can be saturated.
+const LEAST_SATURATION: f32 = 200.0;
+/// Largest share of saturated pixels.
+const MOST_SATURATED: f64 = 0.5;
+
+/// Reason why a capture cannot be reconstructed.
+#[derive(Debug, Error)]
+pub enum CaptureError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    File(#[from] FormatError),
+    /// Capture and PSF have other channels.
+    #[error("{measurement}: expected the channels of the PSF, found {found} beside {expected} in {psf}; add ?channel=green to both")]
+    Channels {
+        /// File of the capture.
+        measurement: String,
+        /// File of the PSF.
+        psf: String,
+        /// Channels of the capture.
+        found: &'static str,
+        /// Channels of the PSF.
+        expected: &'static str,
+    },
+    /// A pixel is NaN or infinite.
+    #[error("{path}: expected finite values, found {value} at row {row}, column {col}; repair or leave out that image")]
+    NotFinite {
+        /// The file.
+        path: String,
+        /// The value.
+        value: f32,
+        /// Row of the pixel.
+        row: usize,
+        /// Its column.
+        col: usize,
+    },
+    /// The file holds several images where one is needed.
+    #[error("{path}: expected one image, found {found}; add ?frame=1 to the path to take the first")]
+    Several {
+        /// The file.
+        path: String,
+        /// Images of the file.
+        found: usize,
+    },
+    /// An image is too large or too small.
+    #[error("{path}: expected {expected}, found {rows} x {cols} px; {advice}")]
+    Size {
+        /// The file.
+        path: String,
+        /// The sizes that would do.
+        expected: String,
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// Too much of the capture is saturated.
+    #[error("{path}: expected light below saturation, found {percent:.0} % of the pixels at {value}; expose it for a shorter time")]
+    Saturated {
+        /// The file.
+        path: String,
+        /// Share of saturated pixels, per cent.
+        percent: f64,
+        /// The largest value.
+        value: f32,
+    },
+    /// Nothing is left above the dark level.
+    #[error("{path}: expected light above the dark level of {dark}, found none; check --dark")]
+    Dark {
+        /// The file.
+        path: String,
+        /// The dark level, DN.
+        dark: f64,
+    },
+}
+
+/// Grey value without light.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DarkLevel {
+    /// The same for all pixels, DN.
+    Constant(f64),
+    /// A capture without light; of several frames their mean.
+    File(PathBuf),
+}
+
+impl FromStr for DarkLevel {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.parse::<f64>() {
+            Ok(level) if level.is_finite() => Ok(Self::Constant(level)),
+            Ok(_) => Err(format!("dark level {text:?}: expected a grey value or a file")),
+            Err(_) => Ok(Self::File(text.into())),
+        }
+    }
+}
+
+/// Files of a capture.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CaptureFiles {
+    /// The capture, one image or several.
+    pub measurement: PathBuf,
+    /// Photograph of the PSF.
+    pub psf: PathBuf,
+    /// Dark level of both; `None` takes the background of the PSF in its corners.
+    pub dark: Option<DarkLevel>,
+    /// Side of the squares of pixels that are averaged.
+    pub bin: usize,
+}
+
+/// A capture ready for decoders.
+#[derive(Clone, Debug)]
+pub struct Capture {
+    /// One channel, or red, green and blue.
+    pub channels: Vec<CaptureChannel>,
+    /// How the files were read, and what was changed.
+    pub notices: Vec<String>,
+}
+
+/// A channel of a capture.
+#[derive(Clone, Debug)]
+pub struct CaptureChannel {
+    /// Photons of each pixel above the dark level, shape (n, rows, cols), by the estimated gain; NaN where saturated.
+    pub measurements: Array3<f32>,
+    /// PSF without background, shape (rows, cols), sum 1.
+    pub psf: Array2<f64>,
+    /// Estimated system gain, DN per photon.
+    pub gain: f64,
+    /// Estimated noise, photons.
+    pub noise: Noise,
+}
+
+impl CaptureFiles {
+    /// Reads and prepares the files.
+    ///
+    /// # Errors
+    /// [`CaptureError`] names the file, what was expected and what was found.
+    pub fn open(&self) -> Result<Capture, CaptureError> {
+        let mut notices = Vec::new();
+        let measured = channels_of(&self.measurement, &mut notices)?;
+        let psfs = channels_of(&self.psf, &mut notices)?;
+        if measured.len() != psfs.len() {
+            let name = |count: usize| if count == 1 { "grey" } else { "colours" };
+            let (measurement, psf) = (self.measurement.display().to_string(), self.psf.display().to_string());
+            let (found, expected) = (name(measured.len()), name(psfs.len()));
+            return Err(CaptureError::Channels { measurement, psf, found, expected });
+        }
+        let darks = match &self.dark {
+            Some(DarkLevel::File(path)) => {
+                let darks = channels_of(path, &mut notices)?;
+                (0..measured.len()).map(|channel| darks.get(channel).or(darks.first()).cloned()).collect()
+            }
+            _ => vec![None; measured.len()],
+        };
+        let mut channels = Vec::new();
+        for ((measured, psf), dark) in measured.into_iter().zip(psfs).zip(darks) {
+            channels.push(self.channel(measured, psf, dark, &mut notices)?);
+        }
+        Ok(Capture { channels, notices })
+    }
+
+    fn channel(
+        &self,
+        measured: PixelStack,
+        psf: PixelStack,
+        dark: Option<PixelStack>,
+        notices: &mut Vec<String>,
+    ) -> Result<CaptureChannel, CaptureError> {
+        let (path, psf_path) = (self.measurement.display().to_string(), self.psf.display().to_string());
+        if psf.pages != 1 {
+            return Err(CaptureError::Several { path: psf_path, found: psf.pages });
+        }
+        let mut light = finite(measured, &self.measurement)?;
+        let share = mark_saturated(&mut light);
+        if let Some((percent, value)) = share.map(|(share, value)| (100.0 * share, value)) {
+            if percent > 100.0 * MOST_SATURATED {
+                return Err(CaptureError::Saturated { path, percent, value });
+            }
+            notices.push(format!("{path}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"));
+        }
+        let mut spread = finite(psf, &self.psf)?;
+        if let Some((share, value)) = mark_saturated(&mut spread) {
+            let percent = 100.0 * share;
+            notices.push(format!("{psf_path}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"));
+            spread.mapv_inplace(|pixel| if pixel.is_nan() { value } else { pixel });
+        }
+        let dark = dark.map(|dark| finite(dark, &self.psf)).transpose()?.and_then(|dark| dark.mean_axis(Axis(0)));
+        let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
+        if let Some(dark) = dark.as_ref().filter(|dark| dark.dim() != (rows, cols)) {
+            let expected = format!("{rows} x {cols} px, as the capture");
+            let (rows, cols) = dark.dim();
+            let path = match &self.dark {
+                Some(DarkLevel::File(path)) => path.display().to_string(),
+                _ => String::new(),
+            };
+            return Err(CaptureError::Size { path, expected, rows, cols, advice: "use a dark frame of the same camera" });
+        }
+        let level = match (&self.dark, &dark) {
+            (Some(DarkLevel::Constant(level)), _) => *level,
+            (_, Some(dark)) => dark.iter().map(|&value| f64::from(value)).sum::<f64>() / dark.len() as f64,
+            _ => corner_level(spread.index_axis(Axis(0), 0)),
+        };
+        if self.dark.is_none() && level != 0.0 {
+            notices.push(format!("{psf_path}: dark level of {level} from the corners of the PSF; --dark sets another"));
+        }
+        subtract(&mut light, dark.as_ref(), level);
+        let same_camera = dark.as_ref().filter(|dark| dark.dim() == (spread.len_of(Axis(1)), spread.len_of(Axis(2))));
+        subtract(&mut spread, same_camera, level);
+        let light = binned(&light, self.bin.max(1));
+        let spread = binned(&spread, self.bin.max(1)).index_axis_move(Axis(0), 0).mapv(|value| f64::from(value.max(0.0)));
+        let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
+        if rows.max(cols) > LONGEST_SIDE_PX || rows == 0 || cols == 0 {
+            let expected = format!("1 to {LONGEST_SIDE_PX} px a side");
+            return Err(CaptureError::Size { path, expected, rows, cols, advice: "change --bin" });
+        }
+        let total = spread.sum();
+        if total <= 0.0 {
+            return Err(CaptureError::Dark { path: psf_path, dark: level });
+        }
+        let sum: f64 = light.iter().filter(|value| !value.is_nan()).map(|&value| f64::from(value)).sum();
+        if sum <= 0.0 {
+            return Err(CaptureError::Dark { path, dark: level });
+        }
+        let noise = SensorNoise::of(light.index_axis(Axis(0), 0));
+        let measurements = light.mapv(|value| (f64::from(value) / noise.gain) as f32);
+        Ok(CaptureChannel {
+            measurements,
+            psf: spread / total,
+            gain: noise.gain,
+            noise: Noise::ShotRead { sigma: noise.read_sigma },
+        })
+    }
+}
+
+/// Images of a file, one stack for each channel: grey, or red, green and blue where the path chooses none.
+fn channels_of(path: &Path, notices: &mut Vec<String>) -> Result<Vec<PixelStack>, FormatError> {
+    let file = ImageFile::find(path)?;
+    let stack = file.read()?;
+    if !stack.from_colour || file.meaning.channel.is_some() {
+        notices.push(format!("{}: {}", path.display(), ImageSummary::of(&stack)));
+        return Ok(vec![stack]);
+    }
+    let channels = [Channel::Red, Channel::Green, Channel::Blue];
+    let of_channel = |channel: Channel| {
+        let mut file = file.clone();
+        file.meaning.channel = Some(channel);
+        file.read()
+    };
+    let stacks: Vec<PixelStack> = channels.into_iter().map(of_channel).collect::<Result<_, _>>()?;
+    let shape = format!("{} x {} px", stack.rows, stack.cols);
+    notices.push(format!("{}: red, green and blue, each of {shape}", path.display()));
+    Ok(stacks)
+}
+
+/// The images of a file, shape (n, rows, cols).
+fn finite(stack: PixelStack, path: &Path) -> Result<Array3<f32>, CaptureError> {
+    let images = stack.into_array();
+    let odd = images.indexed_iter().find(|(_, value)| !value.is_finite());
+    if let Some(((_, row, col), &value)) = odd {
+        return Err(CaptureError::NotFinite { path: path.display().to_string(), value, row, col });
+    }
+    Ok(images)
+}
+
+/// Sets saturated pixels to NaN. Returns their share and value, where there are any: many pixels of one file at its largest value.
+fn mark_saturated(images: &mut Array3<f32>) -> Option<(f64, f32)> {
+    let top = images.iter().copied().fold(0.0, f32::max);
+    let count = images.iter().filter(|&&value| value == top).count();
+    let share = count as f64 / images.len().max(1) as f64;
+    let is_count = images.iter().all(|value| value.fract() == 0.0);
+    if !is_count || top < LEAST_SATURATION || count < SATURATED_PIXELS || share < SATURATED_SHARE {
+        return None;
+    }
+    images.mapv_inplace(|value| if value == top { f32::NAN } else { value });
+    Some((share, top))
+}
+
+/// Median of the four corners of an image.
+fn corner_level(image: ArrayView2<'_, f32>) -> f64 {
+    let (rows, cols) = image.dim();
+    let (height, width) = (rows.div_ceil(CORNER_SHARE), cols.div_ceil(CORNER_SHARE));
+    let corners = [(0, 0), (0, cols - width), (rows - height, 0), (rows - height, cols - width)];
+    let mut values: Vec<f32> = corners
+        .into_iter()
+        .flat_map(|(row, col)| image.slice(s![row..row + height, col..col + width]).iter().copied().collect::<Vec<_>>())
+        .collect();
+    values.sort_by(f32::total_cmp);
+    values.get(values.len() / 2).map_or(0.0, |&value| f64::from(value))
+}
+
+fn subtract(images: &mut Array3<f32>, dark: Option<&Array2<f32>>, level: f64) {
+    for mut image in images.outer_iter_mut() {
+        match dark {
+            Some(dark) => image -= dark,
+            None => image.mapv_inplace(|value| (f64::from(value) - level) as f32),
+        }
+    }
+}
+
+/// Means over squares of `bin` px; rows and columns that fill none are left out. A square with a pixel that was not measured is NaN.
+fn binned(images: &Array3<f32>, bin: usize) -> Array3<f32> {
+    let (count, rows, cols) = images.dim();
+    let area = (bin * bin) as f32;
+    Array3::from_shape_fn((count, rows / bin, cols / bin), |(n, row, col)| {
+        images.slice(s![n, row * bin..(row + 1) * bin, col * bin..(col + 1) * bin]).sum() / area
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+//! Errors of reconstructions, each one sentence.
+
+use ndarray::{ArrayBase, Data, Dimension};
+use thiserror::Error;
+
+use crate::forward::ForwardError;
+use crate::information::InformationError;
+use crate::objects::ObjectError;
+use crate::sensor::SensorError;
+
+/// Reason why there is no reconstruction.
+#[derive(Debug, Error)]
+pub enum ReconstructionError {
+    /// The objects, the mask, or both together.
+    #[error(transparent)]
+    Forward(#[from] ForwardError),
+    /// Statistics of the results.
+    #[error(transparent)]
+    Information(#[from] InformationError),
+    /// Arrays that belong together differ in shape.
+    #[error("{what}: expected shape {expected}, found {found}; use arrays that belong together")]
+    Shape {
+        /// The array.
+        what: &'static str,
+        /// The expected shape.
+        expected: String,
+        /// The shape found.
+        found: String,
+    },
+    /// An image is too small to be compared.
+    #[error("images: expected at least {least} px a side, found {rows} x {cols}; compare larger ones")]
+    SmallImage {
+        /// Rows found.
+        rows: usize,
+        /// Columns found.
+        cols: usize,
+        /// Least side.
+        least: usize,
+    },
+    /// A pixel is NaN or infinite.
+    #[error("{what}: expected finite values, found {value} {place}; repair or leave out that image")]
+    NotFinite {
+        /// The image or stack.
+        what: &'static str,
+        /// The value.
+        value: f32,
+        /// Its place.
+        place: String,
+    },
+    /// The decoder has no form for objects with depth planes.
+    #[error("{decoder}: expected objects of one plane, found {planes}; choose objects without depth")]
+    Planes {
+        /// The decoder.
+        decoder: &'static str,
+        /// Depth planes of the objects.
+        planes: usize,
+    },
+    /// The decoder needs a set of objects.
+    #[error("{decoder}: expected a set of objects to learn its prior from, found a single measurement; choose tv")]
+    NoPrior {
+        /// The decoder.
+        decoder: &'static str,
+    },
+    /// The measurement is smaller than the point spread function.
+    #[error(
+        "measurement of {rows} x {cols} px: expected at least the {psf_rows} x {psf_cols} px of the PSF; \
+         crop the PSF or bin both alike"
+    )]
+    SmallMeasurement {
+        /// Rows of the measurement.
+        rows: usize,
+        /// Columns of the measurement.
+        cols: usize,
+        /// Rows of the PSF.
+        psf_rows: usize,
+        /// Columns of the PSF.
+        psf_cols: usize,
+    },
+    /// The measurement holds no light above the background.
+    #[error("measurement: expected light above the background, found none; check the dark level")]
+    Dark,
+    /// The arrays do not fit into memory.
+    #[error("field of {rows} x {cols} px: expected one that fits into memory, found {gibibytes:.1} GiB; bin the images")]
+    TooLarge {
+        /// Rows of the field.
+        rows: usize,
+        /// Columns of the field.
+        cols: usize,
+        /// Memory that the arrays need, GiB.
+        gibibytes: f64,
+    },
+    /// A matrix that is positive definite in exact arithmetic is not so after rounding.
+    #[error("linear estimate: expected a positive definite matrix, found none after rounding; lower the mean of the objects")]
+    NotPositiveDefinite,
+    /// The progress cancelled.
+    #[error("the reconstruction was cancelled")]
+    Cancelled,
+}
+
+impl From<ObjectError> for ReconstructionError {
+    fn from(error: ObjectError) -> Self {
+        match error {
+            ObjectError::Cancelled => Self::Cancelled,
+            error => Self::Forward(error.into()),
+        }
+    }
+}
+
+impl From<SensorError> for ReconstructionError {
+    fn from(error: SensorError) -> Self {
+        Self::Forward(error.into())
+    }
+}
+
+impl ReconstructionError {
+    /// The error of an array of another shape.
+    pub(super) fn shape(what: &'static str, expected: &[usize], found: &[usize]) -> Self {
+        let text = |shape: &[usize]| shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");
+        Self::Shape { what, expected: text(expected), found: text(found) }
+    }
+
+    /// Refuses NaN and infinities.
+    pub(super) fn check_finite<S: Data<Elem = f32>, D: Dimension>(
+        what: &'static str,
+        array: &ArrayBase<S, D>,
+    ) -> Result<(), Self> {
+        let Some(offset) = array.iter().position(|value| !value.is_finite()) else { return Ok(()) };
+        let (row, col, value) = match array.shape() {
+            [.., rows, cols] => (offset / cols % rows, offset % cols, array.iter().nth(offset)),
+            _ => (0, offset, array.iter().nth(offset)),
+        };
+        let image = match array.shape() {
+            [_, rows, cols] => format!("in image {} ", offset / (rows * cols) + 1),
+            _ => String::new(),
+        };
+        let place = format!("{image}at row {row}, column {col}");
+        Err(Self::NotFinite { what, value: value.copied().unwrap_or_default(), place })
+    }
+}

@@ -1,0 +1,28 @@
+//! Reconstruction: what a decoder makes of a measurement, and how good that is.
+//!
+//! [`Decoder`] is what all methods are: prepared for one [`ImagingModel`], they turn measurements into objects. [`DecoderKind`] lists them.
+//! [`Prior`] holds what a method knows about the objects. [`DecoderTest`] tests a decoder on held-out objects; [`ImageQuality`] compares
+//! images. [`CaptureFiles`] opens real captures.
+
+mod capture;
+mod data_term;
+mod decoder;
+mod error;
+mod fourier;
+mod linear;
+mod model;
+mod one_by_one;
+mod protocol;
+mod quality;
+mod richardson_lucy;
+mod total_variation;
+
+pub use capture::{Capture, CaptureChannel, CaptureError, CaptureFiles, DarkLevel};
+pub use decoder::{Decoder, DecoderKind, DecoderNeeds, PreparedDecoder, ReconstructionStep};
+pub use error::ReconstructionError;
+pub use linear::{Light, LinearMmse, Prior};
+pub use model::ImagingModel;
+pub use protocol::{DecoderQuality, DecoderScene, DecoderTest, Evaluated, TestObjects};
+pub use quality::{ImageQuality, psnr_db};
+pub use richardson_lucy::RichardsonLucy;
+pub use total_variation::TotalVariation;

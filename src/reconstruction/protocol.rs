@@ -1,0 +1,301 @@
+//! Test sets of decoders, and their results over them.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use ndarray::{Array3, ArrayView3, Axis};
+use serde::{Deserialize, Serialize};
+
+use super::decoder::{Decoder, DecoderKind, ReconstructionStep};
+use super::error::ReconstructionError;
+use super::linear::{Light, Prior};
+use super::model::ImagingModel;
+use super::quality::{ImageQuality, psnr_db};
+use crate::forward::ForwardModel;
+use crate::information::{InformationError, Protocol, paired_interval};
+use crate::objects::{ObjectSet, Split};
+use crate::progress::{CancelToken, Progress};
+use crate::seeds::SeedStream;
+use crate::sensor::{Convolution, Noise};
+
+/// Photons per pixel that the published protocol scales each object to.
+const PAPER_PHOTONS: f64 = 100.0;
+/// Objects whose errors are averaged before the logarithm of a PSNR, as in the publication.
+const BATCH: usize = 64;
+
+/// Objects, light and noise that decoders are trained for and tested on.
+///
+/// - Default protocol: the scene as it is, with its background, photons and noise.
+/// - Paper protocol (Kabuli et al. 2026): each object alone is scaled to 100 photons per pixel; no background; shot noise.
+///
+/// Test objects come from the test part of the base images. Truth is the object in units of [`ObjectSet::peak`], so that images
+/// of 8 bits lie in [0, 1].
+#[derive(Clone)]
+pub struct DecoderScene {
+    /// The objects.
+    pub set: Arc<ObjectSet>,
+    /// Light on the objects.
+    pub light: Light,
+    /// Background, photons per pixel.
+    pub background: f64,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// The protocol.
+    pub protocol: Protocol,
+}
+
+/// Objects of a test set, all of shape (n, rows, cols).
+pub struct TestObjects {
+    /// Objects, photons per pixel on the scale of the set.
+    pub objects: Array3<f32>,
+    /// Their noisy measurements, photons per pixel.
+    pub measurements: Array3<f32>,
+}
+
+impl DecoderScene {
+    /// The scene of a forward model under a protocol.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::Planes`] for objects with depth.
+    pub fn new(forward: &ForwardModel, protocol: Protocol) -> Result<Self, ReconstructionError> {
+        let set = forward.set.clone();
+        if set.planes() != 1 {
+            return Err(ReconstructionError::Planes { decoder: "reconstruction", planes: set.planes() });
+        }
+        Ok(match protocol {
+            Protocol::Default => {
+                Self { set, light: Light::Scene, background: forward.bias, noise: forward.noise, protocol }
+            }
+            Protocol::Paper => {
+                let light = Light::EachObject { mean_photons: PAPER_PHOTONS };
+                Self { set, light, background: 0.0, noise: Noise::Shot, protocol }
+            }
+        })
+    }
+
+    /// The model of a point spread function of shape (1, rows, cols) in this scene.
+    ///
+    /// # Errors
+    /// As [`ImagingModel::new`].
+    pub fn model(&self, psf: ArrayView3<'_, f64>) -> Result<ImagingModel, ReconstructionError> {
+        ImagingModel::new(psf, self.set.field(), self.background, self.noise)
+    }
+
+    /// The prior of the training objects in this light.
+    ///
+    /// # Errors
+    /// As [`Prior::learn`].
+    pub fn prior(&self, cancel: &CancelToken) -> Result<Prior, ReconstructionError> {
+        Prior::learn(&self.set, self.light, cancel)
+    }
+
+    /// Test objects of these numbers and their measurements by a model. Objects and noise depend on their number and the seed alone.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::Forward`] where the set has no test images or the objects do not fit into memory.
+    pub fn test_objects(
+        &self,
+        model: &ImagingModel,
+        numbers: Range<usize>,
+        seed: u64,
+    ) -> Result<TestObjects, ReconstructionError> {
+        let (first, count) = (numbers.start, numbers.len());
+        let objects_seed = SeedStream::ReconstructionObjects.derive(seed);
+        let objects = self.set.objects_from(Split::Test, first, count, objects_seed)?;
+        let mut lit = objects.clone();
+        self.light.apply(&mut lit);
+        let plan = Convolution::new(model.field(), model.psf().dim())?;
+        let convolver = plan.with_psf(model.psf().insert_axis(Axis(0)))?;
+        let noiseless = convolver.measure(lit.view(), model.background)?;
+        let noise_seed = SeedStream::ReconstructionNoise.derive(seed);
+        let measurements = model.noise.draw_from(noiseless.view(), first, noise_seed);
+        Ok(TestObjects { objects: objects.index_axis_move(Axis(1), 0), measurements })
+    }
+}
+
+/// Mean over test objects and its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Mean {
+    value: f64,
+    interval: [f64; 2],
+}
+
+impl Mean {
+    fn of(values: &[f64], seed: u64) -> Result<Self, InformationError> {
+        let value = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        Ok(Self { value, interval: paired_interval(values, seed)? })
+    }
+
+    /// PSNR of mean squared errors, of which each batch is averaged before the logarithm.
+    fn psnr(errors: &[f64], seed: u64) -> Result<Self, InformationError> {
+        let batches: Vec<f64> =
+            errors.chunks(BATCH).map(|batch| psnr_db(batch.iter().sum::<f64>() / batch.len() as f64)).collect();
+        let [low, high] = paired_interval(errors, seed)?;
+        let value = batches.iter().sum::<f64>() / batches.len().max(1) as f64;
+        Ok(Self { value, interval: [psnr_db(high), psnr_db(low.max(0.0))] })
+    }
+}
+
+/// Image quality of a decoder over a test set. Intervals of 95 % cover the choice of test objects and their noise.
+///
+/// PSNRs average the squared errors of 64 objects before the logarithm, and then the batches, as the publication does.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DecoderQuality {
+    /// The decoder.
+    pub decoder: DecoderKind,
+    /// Protocol of light, background and noise.
+    pub protocol: Protocol,
+    /// Peak signal-to-noise ratio of estimates clipped to [0, 1], dB.
+    pub psnr_db: f64,
+    /// Its interval.
+    pub psnr_db_interval_95: [f64; 2],
+    /// Mean structural similarity.
+    pub ssim: f64,
+    /// Its interval.
+    pub ssim_interval_95: [f64; 2],
+    /// Mean squared error of clipped estimates, in units of the squared peak.
+    pub mse: f64,
+    /// Its interval.
+    pub mse_interval_95: [f64; 2],
+    /// Mean of 1 - MSE / variance of the object; `None` where all objects are of one value.
+    pub r2: Option<f64>,
+    /// Its interval.
+    pub r2_interval_95: Option<[f64; 2]>,
+    /// PSNR of the mean of the training objects as the estimate of every object, dB.
+    pub psnr_constant_db: Option<f64>,
+    /// Its interval.
+    pub psnr_constant_db_interval_95: Option<[f64; 2]>,
+    /// PSNR of estimates that are not clipped, dB.
+    pub psnr_unclipped_db: f64,
+    /// Its interval.
+    pub psnr_unclipped_db_interval_95: [f64; 2],
+    /// PSNR of estimates that are not clipped, in closed form, dB. `None` for decoders without one.
+    pub psnr_linear_closed_form_db: Option<f64>,
+    /// Number of test objects.
+    pub test_objects: usize,
+    /// Trained networks that the numbers are means over; 0 for decoders without training.
+    pub networks: usize,
+    /// Photons per pixel of a truth of 1.
+    pub peak_photons: f64,
+    /// Seed of test objects and noise.
+    pub seed: u64,
+    /// Seconds of preparation for the mask and of all reconstructions.
+    pub seconds: f64,
+}
+
+/// A part of a test set with its reconstructions, and the quality of each.
+pub struct Evaluated<'a> {
+    /// Number of the first object.
+    pub first: usize,
+    /// Objects and measurements.
+    pub test: &'a TestObjects,
+    /// Reconstructions, shape (n, rows, cols), photons per pixel on the scale of the set.
+    pub reconstructions: ArrayView3<'a, f32>,
+    /// Quality of each.
+    pub quality: &'a [ImageQuality],
+}
+
+/// Test of a decoder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DecoderTest {
+    /// Number of test objects.
+    pub objects: usize,
+    /// Seed of test objects and noise.
+    pub seed: u64,
+}
+
+impl Default for DecoderTest {
+    fn default() -> Self {
+        Self { objects: 500, seed: 1 }
+    }
+}
+
+impl DecoderTest {
+    /// Tests a decoder on a model of a scene. `prior` gives the constant that the decoder is compared with. `receive` gets every
+    /// part as soon as it is done; its error ends the test.
+    ///
+    /// # Errors
+    /// [`ReconstructionError`] of decoder and scene, or that of `receive`.
+    pub fn run<E: From<ReconstructionError>>(
+        self,
+        decoder: &dyn Decoder,
+        scene: &DecoderScene,
+        model: &ImagingModel,
+        prior: Option<&Prior>,
+        progress: &mut dyn Progress<ReconstructionStep>,
+        receive: &mut dyn FnMut(&Evaluated<'_>) -> Result<(), E>,
+    ) -> Result<DecoderQuality, E> {
+        let cancel = CancelToken::new();
+        let started = Instant::now();
+        let prepared = decoder.prepare(model, &cancel)?;
+        let mut seconds = started.elapsed().as_secs_f64();
+        let peak = scene.set.peak();
+        let to_truth = |photons: &Array3<f32>| photons.mapv(|value| (f64::from(value) / peak) as f32);
+        let (mut all, mut constant) = (Vec::new(), Vec::new());
+        for first in (0..self.objects).step_by(BATCH) {
+            let numbers = first..(first + BATCH).min(self.objects);
+            let test = scene.test_objects(model, numbers.clone(), self.seed)?;
+            let started = Instant::now();
+            let reconstructions = prepared.reconstruct(test.measurements.view(), &mut |step: &ReconstructionStep| {
+                let ReconstructionStep::Images { done, .. } = step else { return progress.report(step) };
+                progress.report(&ReconstructionStep::Images { done: first + done, total: self.objects })
+            })?;
+            seconds += started.elapsed().as_secs_f64();
+            let truth = to_truth(&test.objects);
+            let quality = ImageQuality::of_stack(truth.view(), to_truth(&reconstructions).view())?;
+            if let Some(prior) = prior {
+                let mean = prior.mean().insert_axis(Axis(0));
+                let same = mean.broadcast(truth.dim()).map(|mean| to_truth(&mean.to_owned()));
+                let quality = same.map(|same| ImageQuality::of_stack(truth.view(), same.view())).transpose()?;
+                constant.extend(quality.unwrap_or_default().iter().map(|quality| quality.mse));
+            }
+            receive(&Evaluated { first, test: &test, reconstructions: reconstructions.view(), quality: &quality })?;
+            all.extend(quality);
+        }
+        let closed_form = prepared.expected_mse(&cancel)?.map(|mse| psnr_db(mse / (peak * peak)));
+        Ok(self.summary(decoder.kind(), scene, &all, &constant, closed_form, seconds)?)
+    }
+
+    fn summary(
+        self,
+        decoder: DecoderKind,
+        scene: &DecoderScene,
+        all: &[ImageQuality],
+        constant: &[f64],
+        psnr_linear_closed_form_db: Option<f64>,
+        seconds: f64,
+    ) -> Result<DecoderQuality, ReconstructionError> {
+        let list = |value: fn(&ImageQuality) -> f64| all.iter().map(value).collect::<Vec<_>>();
+        let seed = self.seed;
+        let psnr = Mean::psnr(&list(|quality| quality.mse), seed)?;
+        let unclipped = Mean::psnr(&list(|quality| quality.mse_unclipped), seed)?;
+        let mse = Mean::of(&list(|quality| quality.mse), seed)?;
+        let ssim = Mean::of(&list(|quality| quality.ssim), seed)?;
+        let r2: Vec<f64> = all.iter().filter_map(|quality| quality.r2).collect();
+        let r2 = if r2.is_empty() { None } else { Some(Mean::of(&r2, seed)?) };
+        let constant = if constant.is_empty() { None } else { Some(Mean::psnr(constant, seed)?) };
+        Ok(DecoderQuality {
+            decoder,
+            protocol: scene.protocol,
+            psnr_db: psnr.value,
+            psnr_db_interval_95: psnr.interval,
+            ssim: ssim.value,
+            ssim_interval_95: ssim.interval,
+            mse: mse.value,
+            mse_interval_95: mse.interval,
+            r2: r2.map(|mean| mean.value),
+            r2_interval_95: r2.map(|mean| mean.interval),
+            psnr_constant_db: constant.map(|mean| mean.value),
+            psnr_constant_db_interval_95: constant.map(|mean| mean.interval),
+            psnr_unclipped_db: unclipped.value,
+            psnr_unclipped_db_interval_95: unclipped.interval,
+            psnr_linear_closed_form_db,
+            test_objects: self.objects,
+            networks: 0,
+            peak_photons: scene.set.peak(),
+            seed,
+            seconds,
+        })
+    }
+}
