@@ -299,3 +299,78 @@ impl DecoderTest {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::forward::Design;
+    use crate::reconstruction::DecoderKind;
+
+    fn scene(protocol: Protocol) -> (DecoderScene, ImagingModel) {
+        let design = Design::default();
+        let forward = ForwardModel::open(&design).unwrap();
+        let scene = DecoderScene::new(&forward, protocol).unwrap();
+        let model = scene.model(forward.psf(&design).unwrap().view()).unwrap();
+        (scene, model)
+    }
+
+    #[test]
+    fn test_objects_depend_on_their_number_and_the_seed_alone() {
+        let (scene, model) = scene(Protocol::Default);
+        let whole = scene.test_objects(&model, 0..5, 7).unwrap();
+        let part = scene.test_objects(&model, 3..5, 7).unwrap();
+        assert_eq!(whole.objects.slice(ndarray::s![3.., .., ..]), part.objects);
+        assert_eq!(whole.measurements.slice(ndarray::s![3.., .., ..]), part.measurements);
+        assert_ne!(part.objects, scene.test_objects(&model, 3..5, 8).unwrap().objects);
+        let mean = whole.measurements.mean().unwrap();
+        assert!((mean - 110.0).abs() < 15.0, "photons and background: {mean}");
+    }
+
+    #[test]
+    fn paper_protocol_lights_each_object_alike_without_background() {
+        let (scene, model) = scene(Protocol::Paper);
+        assert_eq!((model.background, model.noise), (0.0, Noise::Shot));
+        let mut objects = scene.set.objects(Split::Test, 4, 1).unwrap();
+        objects.index_axis_mut(Axis(0), 2).mapv_inplace(|value| 3.0 * value);
+        objects.index_axis_mut(Axis(0), 3).fill(0.0);
+        scene.light.apply(&mut objects);
+        for (object, mean) in objects.outer_iter().zip([100.0, 100.0, 100.0, 0.0]) {
+            assert!((object.mean().unwrap() - mean).abs() < 1e-3);
+        }
+    }
+
+    /// The closed form is the expectation of the sample; the numbers of one image are those of the whole.
+    #[test]
+    fn linear_estimate_of_beads_is_as_good_as_its_closed_form() {
+        let (scene, model) = scene(Protocol::Default);
+        let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
+        let decoder = DecoderKind::Linear.decoder(Some(prior.clone())).unwrap();
+        let test = DecoderTest { objects: 70, seed: 3 };
+        let (mut parts, mut errors) = (Vec::new(), Vec::new());
+        let quality = test
+            .run::<ReconstructionError>(&*decoder, &scene, &model, Some(&prior), &mut CancelToken::new(), &mut |part| {
+                parts.push((part.first, part.reconstructions.dim()));
+                errors.extend(part.quality.iter().map(|quality| quality.mse));
+                Ok(())
+            })
+            .unwrap();
+        assert_eq!(parts, [(0, (64, 96, 96)), (64, (6, 96, 96))]);
+        let closed_form = quality.psnr_linear_closed_form_db.unwrap();
+        assert!((quality.psnr_unclipped_db - closed_form).abs() < 0.15, "{quality:?}");
+        assert!(quality.psnr_db > quality.psnr_constant_db.unwrap() + 1.0, "{quality:?}");
+        assert!((quality.mse - errors.iter().sum::<f64>() / 70.0).abs() < 1e-12);
+        let [low, high] = quality.psnr_db_interval_95;
+        assert!(low < quality.psnr_db && quality.psnr_db < high && high - low < 0.5, "{quality:?}");
+        let json = serde_json::to_value(&quality).unwrap();
+        assert_eq!((&json["decoder"], &json["networks"]), (&"linear".into(), &0.into()));
+        assert_eq!(serde_json::from_value::<DecoderQuality>(json).unwrap(), quality);
+    }
+
+    #[test]
+    fn volumes_are_refused() {
+        let design = Design { objects: "volume:3:0.02".parse().unwrap(), ..Design::default() };
+        let forward = ForwardModel::open(&design).unwrap();
+        let error = DecoderScene::new(&forward, Protocol::Default).err().unwrap().to_string();
+        assert!(error.contains("expected objects of one plane, found 3"), "{error}");
+    }
+}

@@ -105,3 +105,6 @@ impl OneImage for Prepared {
         Ok(splits.object(self.fourier.shape().1, self.model.field(), unit))
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,6 +10,7 @@ mod options;
 mod outputs;
 mod python;
 mod schemas;
+mod reconstruct;
 mod streams;
 mod study;
 

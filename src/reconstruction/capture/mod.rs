@@ -238,6 +238,10 @@ impl CaptureFiles {
             let expected = format!("1 to {LONGEST_SIDE_PX} px a side");
             return Err(CaptureError::Size { path, expected, rows, cols, advice: "change --bin" });
         }
+        if rows < spread.nrows() || cols < spread.ncols() {
+            let expected = format!("at least the {} x {} px of the PSF", spread.nrows(), spread.ncols());
+            return Err(CaptureError::Size { path, expected, rows, cols, advice: "crop the PSF" });
+        }
         let total = spread.sum();
         if total <= 0.0 {
             return Err(CaptureError::Dark { path: psf_path, dark: level });

@@ -79,6 +79,8 @@ fn captures_that_cannot_be_used_are_refused() {
     assert!(refusal(&files(dark.clone(), psf.clone())).contains("above the dark level of 10"));
     let pair = bench.write("pair.npy", &[2, 40, 40], |_| 3.0);
     assert!(refusal(&files(dark.clone(), pair)).contains("expected one image, found 2"));
+    let small = bench.write("small.npy", &[30, 40], |_| 30.0);
+    assert!(refusal(&files(small, psf.clone())).contains("at least the 32 x 32 px of the PSF, found 30 x 40"));
     let frame = bench.write("frame.npy", &[20, 20], |_| 3.0);
     let files = CaptureFiles { dark: Some(DarkLevel::File(frame)), ..files(dark, psf) };
     assert!(refusal(&files).contains("expected 40 x 40 px, as the capture, found 20 x 20"));

@@ -243,3 +243,82 @@ impl Splits {
         Array2::from_shape_fn(field, |(row, col)| (f64::from(self.object[row * cols + col].max(0.0)) * unit) as f32)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    fn dot(a: &[f32], b: &[f32]) -> f64 {
+        a.iter().zip(b).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
+    }
+
+    fn noise(random: &mut ChaCha8Rng, count: usize) -> Vec<f32> {
+        (0..count).map(|_| random.random::<f32>() - 0.5).collect()
+    }
+
+    /// Without a threshold the splits are the gradients, and the right side their transpose.
+    #[test]
+    fn gradients_and_their_transpose_have_the_same_products() {
+        let fourier = Fourier::at_least((12, 10));
+        let cols = fourier.shape().1;
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut splits = Splits::new(&fourier, 1.0);
+        let object = noise(&mut random, fourier.points());
+        splits.object.clone_from(&object);
+        splits.split_gradients(cols, 0.0);
+        let (row, col) = (splits.row.clone(), splits.col.clone());
+        assert!((f64::from(row[0]) - f64::from(object[cols] - object[0])).abs() < 1e-6);
+        assert!((f64::from(col[0]) - f64::from(object[1] - object[0])).abs() < 1e-6);
+        let (p, q) = (noise(&mut random, fourier.points()), noise(&mut random, fourier.points()));
+        splits.row.clone_from(&p);
+        splits.col.clone_from(&q);
+        splits.sign.fill(0.0);
+        splits.right_side(cols, Penalties { crop: 0.0, gradients: 1.0, sign: 0.0 });
+        let (first, second) = (dot(&row, &p) + dot(&col, &q), dot(&object, &splits.sign));
+        assert!((first - second).abs() < 1e-5 * first.abs().max(1.0), "{first} {second}");
+    }
+
+    /// The division by frequencies solves the equation of the object: its right side is that of the object found.
+    #[test]
+    fn the_object_solves_its_equation() {
+        let fourier = Fourier::at_least((16, 12));
+        let (points, cols) = (fourier.points(), fourier.shape().1);
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let kernel = Array2::from_shape_fn((4, 3), |(row, col)| ((row * 3 + col) % 5) as f32 / 20.0);
+        let encoder = fourier.spectrum_of(kernel.view());
+        let penalties = Penalties { crop: 2.0, gradients: 0.3, sign: 0.2 };
+        let mut splits = Splits::new(&fourier, 1.0);
+        splits.crop = noise(&mut random, points);
+        splits.sign = noise(&mut random, points);
+        let (crop, other) = (splits.crop.clone(), splits.sign.clone());
+        fourier.forward(&splits.crop, &mut splits.spectrum, &mut splits.buffer);
+        fourier.forward(&splits.sign, &mut splits.other, &mut splits.buffer);
+        splits.divide(&fourier, &encoder, penalties);
+        fourier.inverse(&mut splits.spectrum, &mut splits.object);
+        fourier.inverse(&mut splits.other, &mut splits.image);
+        // <(crop H^T H + gradients L + sign) x, t> = <crop H^T c + o, t> for any t, with H^T and L moved to t.
+        let test = noise(&mut random, points);
+        let through_mask = |image: &[f32]| {
+            let mut spectrum = fourier.empty();
+            fourier.forward(image, &mut spectrum, &mut fourier.buffer());
+            spectrum.iter_mut().zip(&encoder).for_each(|(value, h)| *value *= h / points as f32);
+            let mut out = vec![0.0; points];
+            fourier.inverse(&mut spectrum, &mut out);
+            out
+        };
+        let gradients = |image: &[f32]| {
+            let mut splits = Splits::new(&fourier, 1.0);
+            splits.object = image.to_vec();
+            splits.split_gradients(cols, 0.0);
+            [splits.row, splits.col]
+        };
+        let (seen, shown) = (through_mask(&test), through_mask(&splits.object));
+        assert!(dot(&shown, &shown) > 0.0 && shown.iter().zip(&splits.image).all(|(a, b)| (a - b).abs() < 1e-5));
+        let ([a, b], [c, d]) = (gradients(&splits.object), gradients(&test));
+        let left = 2.0 * dot(&shown, &seen) + 0.3 * (dot(&a, &c) + dot(&b, &d)) + 0.2 * dot(&splits.object, &test);
+        let right = 2.0 * dot(&crop, &seen) + dot(&other, &test);
+        assert!((left - right).abs() < 1e-4 * right.abs().max(1.0), "{left} {right}");
+    }
+}

@@ -1,0 +1,123 @@
+//! Reconstructions of designs and of captures.
+
+use lenslet_studio::formats::{read_array, read_grey};
+use serde_json::Value;
+
+use super::{Bench, idx, npy};
+
+fn number(result: &Value, name: &str) -> f64 {
+    result[name].as_f64().unwrap_or_else(|| panic!("{name} in {result}"))
+}
+
+#[test]
+fn a_design_has_image_quality_and_files() {
+    let bench = Bench::new();
+    let line = "reconstruct --mask heuristic:5 --objects beads:0.02 --test 6 --examples 2";
+    let result = bench.json(&format!("{line} --out a"));
+    for name in ["psnr_db", "ssim", "mse", "r2", "psnr_constant_db", "psnr_unclipped_db"] {
+        let interval = result[format!("{name}_interval_95")].as_array().unwrap();
+        let (low, high) = (interval[0].as_f64().unwrap(), interval[1].as_f64().unwrap());
+        let value = number(&result, name);
+        assert!(low <= value && value <= high, "{name}: {low} {value} {high}");
+    }
+    assert!(number(&result, "psnr_db") > number(&result, "psnr_constant_db"));
+    assert!(number(&result, "psnr_linear_closed_form_db") > 20.0 && number(&result, "seconds") > 0.0);
+    assert_eq!((&result["decoder"], &result["protocol"]), (&"linear".into(), &"default".into()));
+    assert_eq!((&result["test_objects"], &result["networks"]), (&6.into(), &0.into()));
+    let files: Vec<&str> = result["files"].as_array().unwrap().iter().map(|file| file.as_str().unwrap()).collect();
+    assert!(files.len() == 9 && files.iter().all(|file| bench.path(file).is_file()), "{files:?}");
+    assert_eq!(read_array(&bench.path("a/reconstructions.npy")).unwrap().shape(), [6, 96, 96]);
+    for (name, shape) in [("truth", (96, 96)), ("measurement", (65, 65)), ("reconstruction", (96, 96))] {
+        assert_eq!(read_grey(&bench.path(format!("a/example-2-{name}.png"))).unwrap().dim(), shape);
+    }
+    // The same again, in words, without files.
+    let told = bench.done(line.trim_end_matches(" --examples 2"));
+    for part in ["Linear MMSE: 5 lenslets imaging beads:0.02, default protocol", "PSNR", "SSIM", "in closed form", "6 test objects"] {
+        assert!(told.contains(part), "{part} in {told}");
+    }
+    assert!(told.contains(&format!("{:.3} [", number(&result, "psnr_db"))), "{told}");
+}
+
+#[test]
+fn decoders_without_a_prior_know_no_closed_form() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    for decoder in ["tv", "richardson-lucy"] {
+        let line = format!("reconstruct --decoder {decoder} --objects idx:images.idx --protocol paper --test 2");
+        let result = bench.json(&line);
+        assert_eq!((&result["decoder"], &result["protocol"]), (&decoder.into(), &"paper".into()));
+        assert_eq!(result["psnr_linear_closed_form_db"], Value::Null);
+        assert_eq!(result["noise"], "shot");
+    }
+}
+
+/// A capture of a bright square through a mask of two points, on a dark level of 8.
+fn write_capture(bench: &Bench) {
+    let mut psf = vec![8.0; 16 * 16];
+    (psf[5 * 16 + 6], psf[10 * 16 + 9]) = (108.0, 58.0);
+    bench.write("psf.npy", npy("(16, 16)", &psf));
+    let value = |row: usize, col: usize| {
+        let is_lit = |down: usize, right: usize| (14..22).contains(&(row + down)) && (12..20).contains(&(col + right));
+        let noise = ((row * 31 + col * 17) % 7) as f32 - 3.0;
+        8.0 + 400.0 * f32::from(u8::from(is_lit(5, 4))) + 200.0 * f32::from(u8::from(is_lit(0, 1))) + 40.0 + noise
+    };
+    let capture: Vec<f32> = (0..32 * 36).map(|index| value(index / 36, index % 36)).collect();
+    bench.write("capture.npy", npy("(32, 36)", &capture));
+}
+
+#[test]
+fn a_capture_is_reconstructed_with_its_psf() {
+    let bench = Bench::new();
+    write_capture(&bench);
+    let result = bench.json("reconstruct --measurement capture.npy --psf psf.npy --out b");
+    assert_eq!((&result["decoder"], &result["object_shape"]), (&"tv".into(), &serde_json::json!([1, 47, 51])));
+    assert_eq!(result["sensor_corner"], serde_json::json!([7, 7]));
+    let object = read_array(&bench.path("b/reconstructions.npy")).unwrap();
+    // One square, as bright as both of its copies together.
+    let mean = |rows: std::ops::Range<usize>, cols: std::ops::Range<usize>| {
+        object.slice(ndarray::s![0, rows, cols]).iter().sum::<f32>() / 25.0
+    };
+    let (lit, dark) = (mean(20..25, 17..22), mean(32..37, 34..39));
+    assert!(lit > 450.0 && dark < 150.0, "{lit} {dark}");
+    for name in ["reconstruction-1.png", "measurement-1.png"] {
+        assert!(bench.path("b").join(name).is_file(), "{name}");
+    }
+    let told = bench.done("reconstruct --measurement capture.npy --psf psf.npy --decoder richardson-lucy --bin 2 --dark 8");
+    assert!(told.contains("Richardson-Lucy of capture.npy: 1 x 23 x 25"), "{told}");
+}
+
+#[test]
+fn what_cannot_be_reconstructed_is_refused() {
+    let bench = Bench::new();
+    write_capture(&bench);
+    bench.write("wide.npy", npy("(16, 40)", &[9.0; 640]));
+    bench.write("colour.npy", npy("(32, 36, 3)", &(0..32 * 36 * 3).map(|index| (index % 97) as f32).collect::<Vec<_>>()));
+    let mut broken = vec![50.0; 32 * 36];
+    broken[40] = f32::NAN;
+    bench.write("broken.npy", npy("(32, 36)", &broken));
+    bench.write("white.npy", npy("(32, 36)", &[255.0; 32 * 36]));
+    bench.write("one.idx", idx(1, 28, |index| index as u8));
+    for (line, part) in [
+        ("reconstruct --test 1", "--test 1: expected 2 to"),
+        ("reconstruct --objects volume:2:0.02", "expected objects of one plane, found 2"),
+        ("reconstruct --objects idx:one.idx", "test objects of idx:one.idx"),
+        ("reconstruct --objects idx:none.idx", "none.idx"),
+        ("reconstruct --decoder posterior", "posterior"),
+        ("reconstruct --measurement capture.npy", "--psf"),
+        ("reconstruct --psf psf.npy", "--measurement"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --objects beads:0.02", "--objects"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --decoder linear", "choose tv"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --bin 0", "--bin 0: expected 1 to"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --dark nan", "expected a grey value or a file"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --dark 9999", "above the dark level of 9999"),
+        ("reconstruct --measurement capture.npy --psf none.npy", "none.npy"),
+        ("reconstruct --measurement capture.npy --psf wide.npy", "at least the 16 x 40 px of the PSF, found 32 x 36"),
+        ("reconstruct --measurement colour.npy --psf psf.npy --out c", "found colours beside grey"),
+        ("reconstruct --measurement broken.npy --psf psf.npy --out c", "found NaN at row 1, column 4"),
+        ("reconstruct --measurement white.npy --psf psf.npy", "100 % of the pixels at 255"),
+        ("reconstruct --measurement capture.npy --psf psf.npy --out psf.npy", "found a file"),
+    ] {
+        let sentence = bench.refused(line);
+        assert!(sentence.contains(part), "{line}: {sentence}");
+    }
+}
