@@ -161,8 +161,8 @@ impl Arguments {
         let model = scene.model(psf.view())?;
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");
-        let prior = Arc::new(scene.prior(&CancelToken::new())?);
-        let decoder = kind.decoder(Some(prior.clone()))?;
+        let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
+        let decoder = kind.decoder(prior.map(Arc::new))?;
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
         let mut writer = self.out.as_ref().map(|out| ReconstructionWriter::create(out, &shape)).transpose()?;
@@ -182,7 +182,7 @@ impl Arguments {
         let test = DecoderTest { objects: self.test, seed: design.seed };
         let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
         let quality =
-            test.run::<TestError>(&*decoder, &scene, &model, Some(&*prior), &mut on_progress, &mut write)?;
+            test.run::<TestError>(&*decoder, &scene, &model, &mut on_progress, &mut write)?;
         progress_line.finish();
         let files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
         let result = TestResult {
@@ -301,9 +301,8 @@ impl TestResult {
             format!("{}: {} imaging {}, {} protocol", quality.decoder, self.encoder, self.objects, quality.protocol),
             number("PSNR", quality.psnr_db, quality.psnr_db_interval_95) + " dB",
         ];
-        if let (Some(constant), Some(interval)) = (quality.psnr_constant_db, quality.psnr_constant_db_interval_95) {
-            lines.push(format!("       {} dB for the mean object", with_interval(constant, interval)));
-        }
+        let constant = with_interval(quality.psnr_constant_db, quality.psnr_constant_db_interval_95);
+        lines.push(format!("       {constant} dB for the mean object"));
         if let Some(closed_form) = quality.psnr_linear_closed_form_db {
             let sample = with_interval(quality.psnr_unclipped_db, quality.psnr_unclipped_db_interval_95);
             lines.push(format!("       {sample} dB not clipped; in closed form {closed_form:.3} dB"));

@@ -7,10 +7,7 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 
 use super::error::ReconstructionError;
-use super::linear::{LinearMmse, Prior};
 use super::model::ImagingModel;
-use super::richardson_lucy::RichardsonLucy;
-use super::total_variation::TotalVariation;
 use crate::progress::{CancelToken, Progress};
 
 /// A method of reconstruction, with all that it knows before it sees a mask.
@@ -159,21 +156,6 @@ impl DecoderKind {
     /// What it needs.
     pub fn needs(self) -> DecoderNeeds {
         DecoderNeeds { objects: self == Self::Linear, training: false }
-    }
-
-    /// The decoder with its standard settings. `prior` is that of the objects; a decoder that needs none ignores it.
-    ///
-    /// # Errors
-    /// [`ReconstructionError::NoPrior`] where it needs one and there is none.
-    pub fn decoder(self, prior: Option<Arc<Prior>>) -> Result<Box<dyn Decoder>, ReconstructionError> {
-        Ok(match self {
-            Self::Linear => {
-                let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
-                Box::new(LinearMmse::new(prior))
-            }
-            Self::TotalVariation => Box::new(TotalVariation::default()),
-            Self::RichardsonLucy => Box::new(RichardsonLucy::default()),
-        })
     }
 }
 

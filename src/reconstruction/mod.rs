@@ -15,6 +15,7 @@ mod one_by_one;
 mod protocol;
 mod quality;
 mod richardson_lucy;
+mod standard;
 mod total_variation;
 
 pub use capture::{Capture, CaptureChannel, CaptureError, CaptureFiles, DarkLevel};

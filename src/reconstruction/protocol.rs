@@ -4,12 +4,12 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ndarray::{Array3, ArrayView3, Axis};
+use ndarray::{Array2, Array3, ArrayView3, Axis};
 use serde::{Deserialize, Serialize};
 
 use super::decoder::{Decoder, DecoderKind, ReconstructionStep};
 use super::error::ReconstructionError;
-use super::linear::{Light, Prior};
+use super::linear::{Light, Prior, mean_object};
 use super::model::ImagingModel;
 use super::quality::{ImageQuality, psnr_db};
 use crate::forward::ForwardModel;
@@ -90,6 +90,11 @@ impl DecoderScene {
         Prior::learn(&self.set, self.light, cancel)
     }
 
+    /// Mean of the training objects, shape (rows, cols), photons per pixel: the best estimate without a measurement.
+    pub fn mean_object(&self) -> Array2<f32> {
+        mean_object(&self.set)
+    }
+
     /// Test objects of these numbers and their measurements by a model. Objects and noise depend on their number and the seed alone.
     ///
     /// # Errors
@@ -163,9 +168,9 @@ pub struct DecoderQuality {
     /// Its interval.
     pub r2_interval_95: Option<[f64; 2]>,
     /// PSNR of the mean of the training objects as the estimate of every object, dB.
-    pub psnr_constant_db: Option<f64>,
+    pub psnr_constant_db: f64,
     /// Its interval.
-    pub psnr_constant_db_interval_95: Option<[f64; 2]>,
+    pub psnr_constant_db_interval_95: [f64; 2],
     /// PSNR of estimates that are not clipped, dB.
     pub psnr_unclipped_db: f64,
     /// Its interval.
@@ -212,8 +217,7 @@ impl Default for DecoderTest {
 }
 
 impl DecoderTest {
-    /// Tests a decoder on a model of a scene. `prior` gives the constant that the decoder is compared with. `receive` gets every
-    /// part as soon as it is done; its error ends the test.
+    /// Tests a decoder on a model of a scene. `receive` gets every part as soon as it is done; its error ends the test.
     ///
     /// # Errors
     /// [`ReconstructionError`] of decoder and scene, or that of `receive`.
@@ -222,7 +226,6 @@ impl DecoderTest {
         decoder: &dyn Decoder,
         scene: &DecoderScene,
         model: &ImagingModel,
-        prior: Option<&Prior>,
         progress: &mut dyn Progress<ReconstructionStep>,
         receive: &mut dyn FnMut(&Evaluated<'_>) -> Result<(), E>,
     ) -> Result<DecoderQuality, E> {
@@ -232,6 +235,7 @@ impl DecoderTest {
         let mut seconds = started.elapsed().as_secs_f64();
         let peak = scene.set.peak();
         let to_truth = |photons: &Array3<f32>| photons.mapv(|value| (f64::from(value) / peak) as f32);
+        let mean = scene.mean_object();
         let (mut all, mut constant) = (Vec::new(), Vec::new());
         for first in (0..self.objects).step_by(BATCH) {
             let numbers = first..(first + BATCH).min(self.objects);
@@ -244,12 +248,9 @@ impl DecoderTest {
             seconds += started.elapsed().as_secs_f64();
             let truth = to_truth(&test.objects);
             let quality = ImageQuality::of_stack(truth.view(), to_truth(&reconstructions).view())?;
-            if let Some(prior) = prior {
-                let mean = prior.mean().insert_axis(Axis(0));
-                let same = mean.broadcast(truth.dim()).map(|mean| to_truth(&mean.to_owned()));
-                let quality = same.map(|same| ImageQuality::of_stack(truth.view(), same.view())).transpose()?;
-                constant.extend(quality.unwrap_or_default().iter().map(|quality| quality.mse));
-            }
+            let same = Array3::from_shape_fn(truth.dim(), |(_, row, col)| mean[(row, col)]);
+            let of_constant = ImageQuality::of_stack(truth.view(), to_truth(&same).view())?;
+            constant.extend(of_constant.iter().map(|quality| quality.mse));
             receive(&Evaluated { first, test: &test, reconstructions: reconstructions.view(), quality: &quality })?;
             all.extend(quality);
         }
@@ -274,7 +275,7 @@ impl DecoderTest {
         let ssim = Mean::of(&list(|quality| quality.ssim), seed)?;
         let r2: Vec<f64> = all.iter().filter_map(|quality| quality.r2).collect();
         let r2 = if r2.is_empty() { None } else { Some(Mean::of(&r2, seed)?) };
-        let constant = if constant.is_empty() { None } else { Some(Mean::psnr(constant, seed)?) };
+        let constant = Mean::psnr(constant, seed)?;
         Ok(DecoderQuality {
             decoder,
             protocol: scene.protocol,
@@ -286,8 +287,8 @@ impl DecoderTest {
             mse_interval_95: mse.interval,
             r2: r2.map(|mean| mean.value),
             r2_interval_95: r2.map(|mean| mean.interval),
-            psnr_constant_db: constant.map(|mean| mean.value),
-            psnr_constant_db_interval_95: constant.map(|mean| mean.interval),
+            psnr_constant_db: constant.value,
+            psnr_constant_db_interval_95: constant.interval,
             psnr_unclipped_db: unclipped.value,
             psnr_unclipped_db_interval_95: unclipped.interval,
             psnr_linear_closed_form_db,
@@ -344,11 +345,11 @@ mod tests {
     fn linear_estimate_of_beads_is_as_good_as_its_closed_form() {
         let (scene, model) = scene(Protocol::Default);
         let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
-        let decoder = DecoderKind::Linear.decoder(Some(prior.clone())).unwrap();
+        let decoder = DecoderKind::Linear.decoder(Some(prior)).unwrap();
         let test = DecoderTest { objects: 70, seed: 3 };
         let (mut parts, mut errors) = (Vec::new(), Vec::new());
         let quality = test
-            .run::<ReconstructionError>(&*decoder, &scene, &model, Some(&prior), &mut CancelToken::new(), &mut |part| {
+            .run::<ReconstructionError>(&*decoder, &scene, &model, &mut CancelToken::new(), &mut |part| {
                 parts.push((part.first, part.reconstructions.dim()));
                 errors.extend(part.quality.iter().map(|quality| quality.mse));
                 Ok(())
@@ -357,7 +358,7 @@ mod tests {
         assert_eq!(parts, [(0, (64, 96, 96)), (64, (6, 96, 96))]);
         let closed_form = quality.psnr_linear_closed_form_db.unwrap();
         assert!((quality.psnr_unclipped_db - closed_form).abs() < 0.15, "{quality:?}");
-        assert!(quality.psnr_db > quality.psnr_constant_db.unwrap() + 1.0, "{quality:?}");
+        assert!(quality.psnr_db > quality.psnr_constant_db + 1.0, "{quality:?}");
         assert!((quality.mse - errors.iter().sum::<f64>() / 70.0).abs() < 1e-12);
         let [low, high] = quality.psnr_db_interval_95;
         assert!(low < quality.psnr_db && quality.psnr_db < high && high - low < 0.5, "{quality:?}");

@@ -14,7 +14,9 @@ use rayon::prelude::*;
 
 use super::principal_components::product;
 use super::tiles::TileMoments;
-use super::{MeanMeasurement, Prior, check, repeated};
+use super::light::repeated;
+use super::mean_measurement::{MeanMeasurement, check};
+use super::prior::Prior;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::decoder::{PreparedDecoder, ReconstructionStep};
 use crate::reconstruction::error::ReconstructionError;

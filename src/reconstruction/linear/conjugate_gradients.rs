@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 use rayon::prelude::*;
 
-use super::{MeanMeasurement, Prior, check};
+use super::mean_measurement::{MeanMeasurement, check};
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::decoder::{PreparedDecoder, ReconstructionStep};
 use crate::reconstruction::error::ReconstructionError;
@@ -68,11 +68,15 @@ pub(super) struct IterativeDecoder<C> {
 }
 
 impl<C: MeasurementCovariance> IterativeDecoder<C> {
-    pub(super) fn new(model: &ImagingModel, prior: &Prior, covariance: C) -> Result<Self, ReconstructionError> {
+    /// The estimate of a model; `mean_truth` is the mean object on the scale of the set.
+    pub(super) fn new(
+        model: &ImagingModel,
+        mean_truth: Array2<f32>,
+        covariance: C,
+    ) -> Result<Self, ReconstructionError> {
         let left_out = covariance.left_out();
         let lit = left_out.as_ref().map(|[lit, _]| lit.view());
         let measurement = MeanMeasurement::new(model, covariance.mean_lit().view(), lit)?;
-        let mean_truth = prior.mean().to_owned();
         Ok(Self { model: model.clone(), covariance, measurement, mean_truth, variance: OnceLock::new() })
     }
 

@@ -8,8 +8,8 @@ use rand_distr::StandardNormal;
 use rustfft::num_complex::Complex32;
 
 use super::conjugate_gradients::{MeasurementCovariance, PriorSample};
-use super::prior::Light;
-use crate::objects::{BeadPrior, ObjectSet, Split};
+use super::light::{Light, mean_object};
+use crate::objects::{ObjectSet, Split};
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::fourier::{Fourier, FourierBuffer, place};
 use crate::reconstruction::model::ImagingModel;
@@ -33,10 +33,7 @@ impl StationaryMoments {
         let field = set.field();
         // Fails where there is no training image.
         set.objects(Split::Train, 1, 0)?;
-        let mean = match set.bead_prior() {
-            Some(prior) => mean_of_beads(&prior, field),
-            None => Array2::from_elem(field, set.mean() as f32),
-        };
+        let mean = mean_object(set);
         let longest = field.0.max(field.1) - 1;
         let mut autocovariance = set.autocovariance(Split::Train, longest.min(LONGEST_LAG));
         if set.bead_prior().is_none() && longest > LONGEST_LAG {
@@ -55,21 +52,6 @@ impl StationaryMoments {
     pub(super) fn mean_truth(&self) -> Array2<f32> {
         self.mean.clone()
     }
-}
-
-/// Expected beads in every pixel: fewer at the border, beyond which there are none.
-fn mean_of_beads(prior: &BeadPrior, (rows, cols): (usize, usize)) -> Array2<f32> {
-    let (anchor_row, anchor_col) = prior.anchor;
-    // A bead at (row, col) adds spot[i, j] to (row + i - anchor_row, col + j - anchor_col).
-    let is_inside = |pixel: usize, anchor: usize, index: usize, length: usize| {
-        (pixel + anchor).checked_sub(index).is_some_and(|place| place < length)
-    };
-    Array2::from_shape_fn((rows, cols), |(row, col)| {
-        let light = prior.spot.indexed_iter().filter(|((i, j), _)| {
-            is_inside(row, anchor_row, *i, rows) && is_inside(col, anchor_col, *j, cols)
-        });
-        (prior.probability * light.map(|(_, &photons)| photons).sum::<f64>()) as f32
-    })
 }
 
 /// Lets a covariance fall to 0 at its longest lag. The factor is itself a covariance, so the product is one.
@@ -219,7 +201,7 @@ impl MeasurementCovariance for StationaryCovariance {
         let StationaryMemory { mut image, mut spectrum, mut buffer } = StationaryMemory::new(&self.wide);
         image.fill_with(|| random.sample(StandardNormal));
         self.wide.forward(&image, &mut spectrum, &mut buffer);
-        // White noise has a spectrum of `points`; the root is scaled for the inverse by half of that.
+        // The root is scaled for one half of the inverse transform; this is the other.
         let scale = 1.0 / (self.wide.points() as f32).sqrt();
         spectrum.iter_mut().zip(&self.root).for_each(|(value, &root)| *value *= root * scale);
         self.wide.inverse(&mut spectrum, &mut image);

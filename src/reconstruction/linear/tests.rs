@@ -4,16 +4,22 @@ use std::sync::Arc;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use ndarray::{Array2, Array3, ArrayView2};
+use ndarray::{Array2, Array3, ArrayView2, Axis};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::cholesky::CholeskyDecoder;
+use super::conjugate_gradients::IterativeDecoder;
 use super::prior::Moments;
 use super::stationary::StationaryMoments;
-use super::tiles::TileMoments;
-use super::*;
-use crate::sensor::Noise;
+use super::tiles::{TileCovariance, TileMoments};
+use super::{Light, LinearMmse, Prior};
+use crate::progress::CancelToken;
+use crate::reconstruction::decoder::{Decoder, PreparedDecoder};
+use crate::reconstruction::error::ReconstructionError;
+use crate::reconstruction::model::ImagingModel;
+use crate::sensor::{Convolution, Noise};
 
 /// The affine estimate of the definition, with all matrices written out.
 struct Dense {
@@ -180,7 +186,7 @@ fn mosaics_are_estimated_as_by_the_dense_matrices() {
         let prior = Prior::known(Moments::Tiles(moments.clone()), field);
         let by_factor = CholeskyDecoder::new(&model, &prior, moments.clone(), &CancelToken::new()).unwrap();
         let covariance = TileCovariance::new(&model, moments.clone()).unwrap();
-        let by_iterations = IterativeDecoder::new(&model, &prior, covariance).unwrap();
+        let by_iterations = IterativeDecoder::new(&model, prior.mean().to_owned(), covariance).unwrap();
         let y = measurements(&model);
         let decoders: [&dyn PreparedDecoder; 2] = [&by_factor, &by_iterations];
         for decoder in decoders {

@@ -9,8 +9,7 @@ use rand_distr::StandardNormal;
 
 use super::conjugate_gradients::{MeasurementCovariance, PriorSample};
 use super::principal_components::{Components, columns, held_out_shares, mean_of, product};
-use super::prior::{Light, DrawnObjects};
-use super::repeated;
+use super::light::{DrawnObjects, Light, repeated};
 use crate::objects::{ObjectSet, Split};
 use crate::progress::CancelToken;
 use crate::reconstruction::error::ReconstructionError;

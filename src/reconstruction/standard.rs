@@ -1,0 +1,26 @@
+//! The decoders with their standard settings.
+
+use std::sync::Arc;
+
+use super::decoder::{Decoder, DecoderKind};
+use super::error::ReconstructionError;
+use super::linear::{LinearMmse, Prior};
+use super::richardson_lucy::RichardsonLucy;
+use super::total_variation::TotalVariation;
+
+impl DecoderKind {
+    /// The decoder with its standard settings. `prior` is that of the objects; a decoder that needs none ignores it.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::NoPrior`] where it needs one and there is none.
+    pub fn decoder(self, prior: Option<Arc<Prior>>) -> Result<Box<dyn Decoder>, ReconstructionError> {
+        Ok(match self {
+            Self::Linear => {
+                let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
+                Box::new(LinearMmse::new(prior))
+            }
+            Self::TotalVariation => Box::new(TotalVariation::default()),
+            Self::RichardsonLucy => Box::new(RichardsonLucy::default()),
+        })
+    }
+}
