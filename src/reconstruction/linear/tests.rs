@@ -25,8 +25,7 @@ use crate::sensor::{Convolution, Noise};
 struct Dense {
     encoder: Mat<f64>,
     mean: Vec<f64>,
-    /// Covariance of lit objects, and of the truth with them.
-    lit: Mat<f64>,
+    /// Covariance of the truth with lit objects.
     cross: Mat<f64>,
     truth: Mat<f64>,
     /// `A C A^T + D`.
@@ -48,12 +47,12 @@ impl Dense {
         }
         let expected = |i: usize| (0..mean.len()).map(|j| encoder[(i, j)] * mean[j]).sum::<f64>() + model.background;
         let scale = (0..rows * cols).map(expected).sum::<f64>() / (rows * cols) as f64;
-        let mut measured = &encoder * &lit * encoder.transpose();
+        let mut measured = &encoder * lit * encoder.transpose();
         for i in 0..rows * cols {
             let extra = (0..mean.len()).map(|j| encoder[(i, j)].powi(2) * left_out[j]).sum::<f64>();
             measured[(i, i)] += model.noise_variance(expected(i), scale) + extra;
         }
-        Self { encoder, mean: mean.to_vec(), lit, cross, truth, measured, background: model.background }
+        Self { encoder, mean: mean.to_vec(), cross, truth, measured, background: model.background }
     }
 
     /// `C_truth,lit A^T (A C A^T + D)^-1`.

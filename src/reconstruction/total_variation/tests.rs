@@ -60,7 +60,9 @@ fn blocks_of_constant_light_are_found() {
         assert!(found.iter().all(|value| *value >= 0.0));
         assert!(error < largest && error < classical, "{error} {classical}");
         // The residual is that of the noise.
-        let again = measure(&ImagingModel { noise: Noise::None, ..model.clone() }, &found, 1);
+        let mut noiseless = model.clone();
+        noiseless.noise = Noise::None;
+        let again = measure(&noiseless, &found, 1);
         let variance = |mean: f32| mean.max(1.0) + noise.read_sigma().map_or(0.0, |sigma| (sigma * sigma) as f32);
         let misfit = y.iter().zip(&again).map(|(y, x)| (y - x).powi(2) / variance(*x)).sum::<f32>() / y.len() as f32;
         assert!((0.85..1.15).contains(&misfit), "{misfit}");

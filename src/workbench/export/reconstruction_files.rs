@@ -1,10 +1,11 @@
 //! Files of reconstructions: all of them as an array, some beside truth and measurement as images.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use ndarray::{Array3, ArrayView2, ArrayView3, ArrayViewD, Zip};
 
-use crate::formats::{self, ArrayWriter, CompleteFile, FormatError, NameLock};
+use crate::formats::{self, ArrayWriter, CompleteFile};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{ExportError, put_in_place};
 
@@ -20,7 +21,7 @@ pub struct ReconstructionWriter {
     folder: PathBuf,
     array: ArrayWriter,
     images: Vec<(PathBuf, CompleteFile)>,
-    _lock: NameLock,
+    _lock: Option<File>,
 }
 
 /// One object, what was measured of it, and what a decoder made of that; shapes (rows, cols), photons per pixel.
