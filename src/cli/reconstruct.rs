@@ -15,16 +15,18 @@ use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
 use crate::forward::{ForwardModel, notices_of};
-use crate::information::{Protocol, with_interval};
+use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    Capture, CaptureChannel, CaptureFiles, DarkLevel, DecoderKind, DecoderQuality, DecoderScene, DecoderTest, Evaluated,
-    ImagingModel, ReconstructionError, ReconstructionStep,
+    Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
+    Evaluated, ImagingModel, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
 };
 use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
 /// Fewest test objects, as one has no interval, and most.
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
+/// Sweeps of Markov chains.
+const SWEEPS: std::ops::RangeInclusive<usize> = 1..=1_000_000;
 /// Most examples.
 const MOST_EXAMPLES: usize = 1000;
 /// Largest side of squares that are averaged, px.
@@ -57,6 +59,10 @@ pub struct Arguments {
     /// Folder for reconstructions.npy and images; created if missing.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+
+    /// Markov chains of this many sweeps for each image refine the posterior mean; without, it is that of the trained decoder.
+    #[arg(long, value_name = "N", conflicts_with = "measurement")]
+    sweeps: Option<usize>,
 
     /// Test objects that are also written as images: truth, measurement, reconstruction, error.
     #[arg(long, default_value_t = 4, requires = "out", conflicts_with = "measurement")]
@@ -145,6 +151,7 @@ impl Arguments {
 
     fn test_design(&self) -> Result<(), Failure> {
         check_count("--test", self.test, TEST_OBJECTS)?;
+        self.sweeps.map_or(Ok(()), |sweeps| check_count("--sweeps", sweeps, SWEEPS))?;
         check_count("--examples", self.examples, 0..=MOST_EXAMPLES)?;
         let design = self.design.design(&self.scene)?;
         if let Some(out) = &self.out {
@@ -162,7 +169,7 @@ impl Arguments {
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");
         let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
-        let decoder = kind.decoder(prior.map(Arc::new))?;
+        let decoder = self.decoder_of_kind(kind, prior, design.seed)?;
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
         let mut writer = self.out.as_ref().map(|out| ReconstructionWriter::create(out, &shape)).transpose()?;
@@ -181,8 +188,7 @@ impl Arguments {
         };
         let test = DecoderTest { objects: self.test, seed: design.seed };
         let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
-        let quality =
-            test.run::<TestError>(&*decoder, &scene, &model, &mut on_progress, &mut write)?;
+        let quality = test.run::<TestError>(&*decoder, &scene, &model, &mut on_progress, &mut write)?;
         progress_line.finish();
         let files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
         let result = TestResult {
@@ -201,6 +207,20 @@ impl Arguments {
             output::report(notice);
         }
         output::print(&result.lines().join("\n"))
+    }
+
+    fn decoder_of_kind(
+        &self,
+        kind: DecoderKind,
+        prior: Option<Prior>,
+        seed: u64,
+    ) -> Result<Box<dyn Decoder>, ReconstructionError> {
+        match (kind, &prior, self.sweeps) {
+            (DecoderKind::Posterior, Some(prior), Some(sweeps)) => {
+                Ok(Box::new(PosteriorMean::new(prior, Some(PosteriorChains::of_sweeps(sweeps, seed)))?))
+            }
+            _ => kind.decoder(prior.map(Arc::new)),
+        }
     }
 
     fn reconstruct_capture(&self, measurement: PathBuf) -> Result<(), Failure> {
@@ -290,19 +310,26 @@ fn shape_of(stack: &Array3<f32>) -> (usize, usize) {
 /// Channels of shape (n, rows, cols) as one array of shape (n, rows, cols, channels).
 fn with_channels(channels: &[Array3<f32>]) -> Array4<f32> {
     let (count, rows, cols) = channels.first().map_or((0, 0, 0), Array3::dim);
-    Array4::from_shape_fn((count, rows, cols, channels.len()), |(n, row, col, channel)| channels[channel][(n, row, col)])
+    Array4::from_shape_fn((count, rows, cols, channels.len()), |(n, row, col, channel)| {
+        channels[channel][(n, row, col)]
+    })
 }
 
 impl TestResult {
     fn lines(&self) -> Vec<String> {
         let quality = &self.quality;
-        let number = |name: &str, value: f64, interval: [f64; 2]| format!("{name:<7}{}", with_interval(value, interval));
+        let number =
+            |name: &str, value: f64, interval: [f64; 2]| format!("{name:<7}{}", with_interval(value, interval));
         let mut lines = vec![
             format!("{}: {} imaging {}, {} protocol", quality.decoder, self.encoder, self.objects, quality.protocol),
             number("PSNR", quality.psnr_db, quality.psnr_db_interval_95) + " dB",
         ];
         let constant = with_interval(quality.psnr_constant_db, quality.psnr_constant_db_interval_95);
         lines.push(format!("       {constant} dB for the mean object"));
+        if let Some(expected) = quality.psnr_posterior_db {
+            let sample = with_interval(quality.psnr_unclipped_db, quality.psnr_unclipped_db_interval_95);
+            lines.push(format!("       {sample} dB not clipped; the posterior expects {expected:.3} dB"));
+        }
         if let Some(closed_form) = quality.psnr_linear_closed_form_db {
             let sample = with_interval(quality.psnr_unclipped_db, quality.psnr_unclipped_db_interval_95);
             lines.push(format!("       {sample} dB not clipped; in closed form {closed_form:.3} dB"));

@@ -51,16 +51,18 @@ impl DataTerm {
         Ok(Self { shape: measurement.dim(), light, weights, mean, pixels })
     }
 
-    /// Mean weight of the measured pixels.
-    pub(super) fn mean_weight(&self) -> f64 {
-        self.weights.iter().map(|&weight| f64::from(weight)).sum::<f64>() / self.pixels
+    /// Inverse of the mean variance of the measured pixels.
+    pub(super) fn typical_weight(&self) -> f64 {
+        let variances = self.weights.iter().filter(|&&weight| weight > 0.0).map(|&weight| 1.0 / f64::from(weight));
+        self.pixels / variances.sum::<f64>()
     }
 }
 
 /// Mean of the measured pixels of the surroundings of every pixel; 0 where there is none.
 fn local_means(image: ArrayView2<'_, f32>) -> Vec<f32> {
     let (rows, cols) = image.dim();
-    let around = |index: usize, length: usize| index.saturating_sub(SURROUNDINGS_PX)..(index + SURROUNDINGS_PX + 1).min(length);
+    let around =
+        |index: usize, length: usize| index.saturating_sub(SURROUNDINGS_PX)..(index + SURROUNDINGS_PX + 1).min(length);
     // Sums along the rows first: (light, measured pixels).
     let mut along_rows = vec![(0.0_f32, 0.0_f32); rows * cols];
     for (line, values) in along_rows.chunks_exact_mut(cols).zip(image.rows()) {

@@ -56,6 +56,18 @@ pub trait PreparedDecoder: Send + Sync {
         progress: &mut dyn Progress<ReconstructionStep>,
     ) -> Result<Array3<f32>, ReconstructionError>;
 
+    /// As [`PreparedDecoder::reconstruct`], with the squared error that the method expects of each object.
+    ///
+    /// # Errors
+    /// As [`PreparedDecoder::reconstruct`].
+    fn estimate(
+        &self,
+        measurements: ArrayView3<'_, f32>,
+        progress: &mut dyn Progress<ReconstructionStep>,
+    ) -> Result<ObjectEstimates, ReconstructionError> {
+        Ok(ObjectEstimates { objects: self.reconstruct(measurements, progress)?, expected_mse: None })
+    }
+
     /// Posterior standard deviation of every pixel of the object, shape (field rows, field cols), photons per pixel. `None` where the
     /// method has no posterior.
     ///
@@ -77,6 +89,15 @@ pub trait PreparedDecoder: Send + Sync {
     fn expected_mse(&self, _cancel: &CancelToken) -> Result<Option<f64>, ReconstructionError> {
         Ok(None)
     }
+}
+
+/// Objects of a stack of measurements.
+pub struct ObjectEstimates {
+    /// Objects as by [`PreparedDecoder::reconstruct`].
+    pub objects: Array3<f32>,
+    /// Squared error that the posterior of each measurement expects, mean over the pixels, photons squared. `None` where the method
+    /// has none.
+    pub expected_mse: Option<Vec<f64>>,
 }
 
 impl dyn PreparedDecoder + '_ {
@@ -132,6 +153,8 @@ pub enum DecoderKind {
     /// Linear estimate of least squared error, with a prior from the training objects; live.
     #[default]
     Linear,
+    /// Posterior mean of beads, by the trained decoder and, given time, by Markov chains.
+    Posterior,
     /// Total variation with non-negativity, by ADMM; needs no objects.
     #[serde(rename = "tv")]
     #[cfg_attr(feature = "cli", value(name = "tv"))]
@@ -142,12 +165,13 @@ pub enum DecoderKind {
 
 impl DecoderKind {
     /// All decoders, in the order of the menu.
-    pub const ALL: [Self; 3] = [Self::Linear, Self::TotalVariation, Self::RichardsonLucy];
+    pub const ALL: [Self; 4] = [Self::Linear, Self::Posterior, Self::TotalVariation, Self::RichardsonLucy];
 
     /// Name in the window and in results.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "Linear MMSE",
+            Self::Posterior => "Posterior mean",
             Self::TotalVariation => "Total variation",
             Self::RichardsonLucy => "Richardson-Lucy",
         }
@@ -155,7 +179,7 @@ impl DecoderKind {
 
     /// What it needs.
     pub fn needs(self) -> DecoderNeeds {
-        DecoderNeeds { objects: self == Self::Linear, training: false }
+        DecoderNeeds { objects: matches!(self, Self::Linear | Self::Posterior), training: false }
     }
 }
 

@@ -61,6 +61,12 @@ pub enum ReconstructionError {
         /// The decoder.
         decoder: &'static str,
     },
+    /// The decoder knows beads only.
+    #[error("Posterior mean: expected beads, whose prior is known, found other objects; choose linear")]
+    NoBeads,
+    /// The program has no weights of the trained decoder.
+    #[error("Posterior mean: expected the weights of the trained decoder in the program, found none; choose linear")]
+    NoWeights,
     /// The measurement is smaller than the point spread function.
     #[error(
         "measurement of {rows} x {cols} px: expected at least the {psf_rows} x {psf_cols} px of the PSF; \
@@ -80,7 +86,9 @@ pub enum ReconstructionError {
     #[error("measurement: expected light above the background, found none; check the dark level")]
     Dark,
     /// The arrays do not fit into memory.
-    #[error("field of {rows} x {cols} px: expected one that fits into memory, found {gibibytes:.1} GiB; bin the images")]
+    #[error(
+        "field of {rows} x {cols} px: expected one that fits into memory, found {gibibytes:.1} GiB; bin the images"
+    )]
     TooLarge {
         /// Rows of the field.
         rows: usize,
@@ -90,7 +98,9 @@ pub enum ReconstructionError {
         gibibytes: f64,
     },
     /// A matrix that is positive definite in exact arithmetic is not so after rounding.
-    #[error("linear estimate: expected a positive definite matrix, found none after rounding; lower the mean of the objects")]
+    #[error(
+        "linear estimate: expected a positive definite matrix, found none after rounding; lower the mean of the objects"
+    )]
     NotPositiveDefinite,
     /// The progress cancelled.
     #[error("the reconstruction was cancelled")]

@@ -177,6 +177,10 @@ pub struct DecoderQuality {
     pub psnr_unclipped_db_interval_95: [f64; 2],
     /// PSNR of estimates that are not clipped, in closed form, dB. `None` for decoders without one.
     pub psnr_linear_closed_form_db: Option<f64>,
+    /// PSNR of estimates that are not clipped, as the posterior of each measurement expects it, dB. `None` for decoders without a
+    /// posterior of each measurement.
+    #[serde(default)]
+    pub psnr_posterior_db: Option<f64>,
     /// Number of test objects.
     pub test_objects: usize,
     /// Trained networks that the numbers are means over; 0 for decoders without training.
@@ -236,15 +240,17 @@ impl DecoderTest {
         let peak = scene.set.peak();
         let to_truth = |photons: &Array3<f32>| photons.mapv(|value| (f64::from(value) / peak) as f32);
         let mean = scene.mean_object();
-        let (mut all, mut constant) = (Vec::new(), Vec::new());
+        let (mut all, mut constant, mut expected) = (Vec::new(), Vec::new(), Vec::new());
         for first in (0..self.objects).step_by(BATCH) {
             let numbers = first..(first + BATCH).min(self.objects);
             let test = scene.test_objects(model, numbers.clone(), self.seed)?;
             let started = Instant::now();
-            let reconstructions = prepared.reconstruct(test.measurements.view(), &mut |step: &ReconstructionStep| {
+            let estimates = prepared.estimate(test.measurements.view(), &mut |step: &ReconstructionStep| {
                 let ReconstructionStep::Images { done, .. } = step else { return progress.report(step) };
                 progress.report(&ReconstructionStep::Images { done: first + done, total: self.objects })
             })?;
+            let reconstructions = estimates.objects;
+            expected.extend(estimates.expected_mse.unwrap_or_default());
             seconds += started.elapsed().as_secs_f64();
             let truth = to_truth(&test.objects);
             let quality = ImageQuality::of_stack(truth.view(), to_truth(&reconstructions).view())?;
@@ -254,8 +260,11 @@ impl DecoderTest {
             receive(&Evaluated { first, test: &test, reconstructions: reconstructions.view(), quality: &quality })?;
             all.extend(quality);
         }
-        let closed_form = prepared.expected_mse(&cancel)?.map(|mse| psnr_db(mse / (peak * peak)));
-        Ok(self.summary(decoder.kind(), scene, &all, &constant, closed_form, seconds)?)
+        let to_psnr = |mse: f64| psnr_db(mse / (peak * peak));
+        let closed_form = prepared.expected_mse(&cancel)?.map(to_psnr);
+        let posterior = (!expected.is_empty()).then(|| to_psnr(expected.iter().sum::<f64>() / expected.len() as f64));
+        let quality = self.summary(decoder.kind(), scene, &all, &constant, seconds)?;
+        Ok(DecoderQuality { psnr_linear_closed_form_db: closed_form, psnr_posterior_db: posterior, ..quality })
     }
 
     fn summary(
@@ -264,7 +273,6 @@ impl DecoderTest {
         scene: &DecoderScene,
         all: &[ImageQuality],
         constant: &[f64],
-        psnr_linear_closed_form_db: Option<f64>,
         seconds: f64,
     ) -> Result<DecoderQuality, ReconstructionError> {
         let list = |value: fn(&ImageQuality) -> f64| all.iter().map(value).collect::<Vec<_>>();
@@ -291,7 +299,8 @@ impl DecoderTest {
             psnr_constant_db_interval_95: constant.interval,
             psnr_unclipped_db: unclipped.value,
             psnr_unclipped_db_interval_95: unclipped.interval,
-            psnr_linear_closed_form_db,
+            psnr_linear_closed_form_db: None,
+            psnr_posterior_db: None,
             test_objects: self.objects,
             networks: 0,
             peak_photons: scene.set.peak(),

@@ -161,7 +161,8 @@ mod tests {
     fn known_errors_have_known_values() {
         let truth = pattern();
         let shifted = truth.mapv(|value| value + 0.1);
-        let quality = ImageQuality::of(truth.mapv(|value| 0.5 * value).view(), shifted.mapv(|v| 0.5 * v).view()).unwrap();
+        let quality =
+            ImageQuality::of(truth.mapv(|value| 0.5 * value).view(), shifted.mapv(|v| 0.5 * v).view()).unwrap();
         // 0.05 off everywhere: 26.02 dB.
         assert!((quality.psnr_db() - 26.0206).abs() < 1e-3, "{}", quality.psnr_db());
         let quality = ImageQuality::of(truth.view(), shifted.view()).unwrap();

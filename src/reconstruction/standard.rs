@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::decoder::{Decoder, DecoderKind};
 use super::error::ReconstructionError;
 use super::linear::{LinearMmse, Prior};
+use super::posterior_mean::PosteriorMean;
 use super::richardson_lucy::RichardsonLucy;
 use super::total_variation::TotalVariation;
 
@@ -12,12 +13,17 @@ impl DecoderKind {
     /// The decoder with its standard settings. `prior` is that of the objects; a decoder that needs none ignores it.
     ///
     /// # Errors
-    /// [`ReconstructionError::NoPrior`] where it needs one and there is none.
+    /// [`ReconstructionError::NoPrior`] where it needs one and there is none; [`ReconstructionError::NoBeads`] for the posterior mean of
+    /// other objects.
     pub fn decoder(self, prior: Option<Arc<Prior>>) -> Result<Box<dyn Decoder>, ReconstructionError> {
         Ok(match self {
             Self::Linear => {
                 let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
                 Box::new(LinearMmse::new(prior))
+            }
+            Self::Posterior => {
+                let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
+                Box::new(PosteriorMean::new(&prior, None)?)
             }
             Self::TotalVariation => Box::new(TotalVariation::default()),
             Self::RichardsonLucy => Box::new(RichardsonLucy::default()),

@@ -24,7 +24,7 @@ use splits::{Penalties, Splits, Target};
 
 /// Iterations between changes of the weight, and between reports of the object.
 const ROUND: usize = 5;
-/// First weight, in units of the root of the mean data weight.
+/// First weight, in units of the root of the typical data weight.
 const FIRST_WEIGHT: f64 = 0.03;
 /// Largest change of the weight in a round.
 const LARGEST_CHANGE: f64 = 1.3;
@@ -87,8 +87,9 @@ impl OneImage for Prepared {
         let unit = data.mean / throughput;
         let corner = (self.model.psf().nrows() - 1, self.model.psf().ncols() - 1);
         let target = Target::new(&data, unit, corner);
-        let level = data.mean_weight() * unit * unit;
-        let penalties = Penalties::of(level);
+        let level = data.typical_weight() * unit * unit;
+        let energy = self.model.psf().iter().map(|&value| value * value).sum();
+        let penalties = Penalties::of(level, energy);
         let mut weight = self.settings.weight.unwrap_or(FIRST_WEIGHT * level.sqrt());
         let mut splits = Splits::new(&self.fourier, throughput as f32);
         let most = self.settings.iterations.max(1);

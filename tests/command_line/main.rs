@@ -9,8 +9,8 @@ mod optimize;
 mod options;
 mod outputs;
 mod python;
-mod schemas;
 mod reconstruct;
+mod schemas;
 mod streams;
 mod study;
 

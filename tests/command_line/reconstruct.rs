@@ -32,7 +32,13 @@ fn a_design_has_image_quality_and_files() {
     }
     // The same again, in words, without files.
     let told = bench.done(line.trim_end_matches(" --examples 2"));
-    for part in ["Linear MMSE: 5 lenslets imaging beads:0.02, default protocol", "PSNR", "SSIM", "in closed form", "6 test objects"] {
+    for part in [
+        "Linear MMSE: 5 lenslets imaging beads:0.02, default protocol",
+        "PSNR",
+        "SSIM",
+        "in closed form",
+        "6 test objects",
+    ] {
         assert!(told.contains(part), "{part} in {told}");
     }
     assert!(told.contains(&format!("{:.3} [", number(&result, "psnr_db"))), "{told}");
@@ -82,7 +88,8 @@ fn a_capture_is_reconstructed_with_its_psf() {
     for name in ["reconstruction-1.png", "measurement-1.png"] {
         assert!(bench.path("b").join(name).is_file(), "{name}");
     }
-    let told = bench.done("reconstruct --measurement capture.npy --psf psf.npy --decoder richardson-lucy --bin 2 --dark 8");
+    let told =
+        bench.done("reconstruct --measurement capture.npy --psf psf.npy --decoder richardson-lucy --bin 2 --dark 8");
     assert!(told.contains("Richardson-Lucy of capture.npy: 1 x 23 x 25"), "{told}");
 }
 
@@ -91,7 +98,10 @@ fn what_cannot_be_reconstructed_is_refused() {
     let bench = Bench::new();
     write_capture(&bench);
     bench.write("wide.npy", npy("(16, 40)", &[9.0; 640]));
-    bench.write("colour.npy", npy("(32, 36, 3)", &(0..32 * 36 * 3).map(|index| (index % 97) as f32).collect::<Vec<_>>()));
+    bench.write(
+        "colour.npy",
+        npy("(32, 36, 3)", &(0..32 * 36 * 3).map(|index| (index % 97) as f32).collect::<Vec<_>>()),
+    );
     let mut broken = vec![50.0; 32 * 36];
     broken[40] = f32::NAN;
     bench.write("broken.npy", npy("(32, 36)", &broken));

@@ -32,10 +32,10 @@ const REPORT: usize = 4;
 /// Smallest number of samples, for any budget; the interval of fewer is meaningless.
 const FEWEST_SAMPLES: usize = 16;
 /// Limit of the log odds of the initial distribution, or a little beyond those of the prior.
-const MOST_CERTAIN: f64 = 14.0;
+pub(super) const MOST_CERTAIN: f64 = 14.0;
 /// Proposals per temperature: flips per site and moves per expected bead.
-const FLIPS_PER_SITE: f64 = 0.08;
-const SHIFTS_PER_BEAD: f64 = 2.5;
+pub(super) const FLIPS_PER_SITE: f64 = 0.08;
+pub(super) const SHIFTS_PER_BEAD: f64 = 2.5;
 /// Control variate: squared separation at which a bead is taken to yield half of its surprise, and the share of the bead
 /// count's variation that is removed.
 const HALF_SEPARATION: f64 = 10.0;

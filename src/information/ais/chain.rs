@@ -19,7 +19,7 @@ use crate::progress::Progress;
 /// log beta. The schedule is densest at a few hundredths, where beads find their places.
 const SCHEDULE: [(f64, f64); 3] = [(0.15, 0.003), (0.55, 0.06), (1.0, 1.0)];
 /// Temperatures after which the image is recomputed without accumulated rounding.
-const RECOMPUTE_EVERY: usize = 16;
+pub(super) const RECOMPUTE_EVERY: usize = 16;
 /// Particles are resampled when the effective sample size falls below this share.
 const RESAMPLE_BELOW: f64 = 0.5;
 
@@ -35,7 +35,7 @@ pub(super) struct AisChain<'a> {
 }
 
 /// Inverse temperature at a share (0 to 1) of the schedule.
-fn beta(share: f64) -> f64 {
+pub(super) fn beta(share: f64) -> f64 {
     let mut before: (f64, f64) = (0.0, 0.0);
     for after in SCHEDULE {
         if share <= after.0 {

@@ -15,6 +15,7 @@ pub(in crate::information) mod bound;
 pub(in crate::information) mod chain;
 pub(in crate::information) mod checkpoint;
 pub(in crate::information) mod light;
+pub(in crate::information) mod posterior;
 pub(in crate::information) mod progress;
 pub(in crate::information) mod proposals;
 pub(in crate::information) mod state;

@@ -45,7 +45,7 @@ impl BeadChannel {
     }
 
     /// Returns the spot with its dark edges; otherwise as [`BeadChannel::checked_spot`].
-    pub(super) fn whole_spot(&self) -> Result<Array3<f64>, InformationError> {
+    pub(crate) fn whole_spot(&self) -> Result<Array3<f64>, InformationError> {
         self.check_numbers()?;
         self.trimmed()?;
         self.of_sites(self.spot.clone())

@@ -34,7 +34,9 @@ pub enum CaptureError {
     #[error(transparent)]
     File(#[from] FormatError),
     /// Capture and PSF have other channels.
-    #[error("{measurement}: expected the channels of the PSF, found {found} beside {expected} in {psf}; add ?channel=green to both")]
+    #[error(
+        "{measurement}: expected the channels of the PSF, found {found} beside {expected} in {psf}; add ?channel=green to both"
+    )]
     Channels {
         /// File of the capture.
         measurement: String,
@@ -80,7 +82,9 @@ pub enum CaptureError {
         advice: &'static str,
     },
     /// Too much of the capture is saturated.
-    #[error("{path}: expected light below saturation, found {percent:.0} % of the pixels at {value}; expose it for a shorter time")]
+    #[error(
+        "{path}: expected light below saturation, found {percent:.0} % of the pixels at {value}; expose it for a shorter time"
+    )]
     Saturated {
         /// The file.
         path: String,
@@ -201,12 +205,15 @@ impl CaptureFiles {
             if percent > 100.0 * MOST_SATURATED {
                 return Err(CaptureError::Saturated { path, percent, value });
             }
-            notices.push(format!("{path}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"));
+            notices.push(format!(
+                "{path}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"
+            ));
         }
         let mut spread = finite(psf, &self.psf)?;
         if let Some((share, value)) = mark_saturated(&mut spread) {
             let percent = 100.0 * share;
-            notices.push(format!("{psf_path}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"));
+            notices
+                .push(format!("{psf_path}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"));
             spread.mapv_inplace(|pixel| if pixel.is_nan() { value } else { pixel });
         }
         let dark = dark.map(|dark| finite(dark, &self.psf)).transpose()?.and_then(|dark| dark.mean_axis(Axis(0)));
@@ -218,7 +225,13 @@ impl CaptureFiles {
                 Some(DarkLevel::File(path)) => path.display().to_string(),
                 _ => String::new(),
             };
-            return Err(CaptureError::Size { path, expected, rows, cols, advice: "use a dark frame of the same camera" });
+            return Err(CaptureError::Size {
+                path,
+                expected,
+                rows,
+                cols,
+                advice: "use a dark frame of the same camera",
+            });
         }
         let level = match (&self.dark, &dark) {
             (Some(DarkLevel::Constant(level)), _) => *level,
@@ -232,7 +245,8 @@ impl CaptureFiles {
         let same_camera = dark.as_ref().filter(|dark| dark.dim() == (spread.len_of(Axis(1)), spread.len_of(Axis(2))));
         subtract(&mut spread, same_camera, level);
         let light = binned(&light, self.bin.max(1));
-        let spread = binned(&spread, self.bin.max(1)).index_axis_move(Axis(0), 0).mapv(|value| f64::from(value.max(0.0)));
+        let spread =
+            binned(&spread, self.bin.max(1)).index_axis_move(Axis(0), 0).mapv(|value| f64::from(value.max(0.0)));
         let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
         if rows.max(cols) > LONGEST_SIDE_PX || rows == 0 || cols == 0 {
             let expected = format!("1 to {LONGEST_SIDE_PX} px a side");

@@ -37,7 +37,8 @@ impl SensorNoise {
         }
         squares.sort_by(|one, other| one.0.total_cmp(&other.0));
         let size = squares.len().div_ceil(GROUPS).max(LEAST_SQUARES);
-        let groups: Vec<(f64, f64)> = squares.chunks(size).filter(|group| group.len() >= LEAST_SQUARES).map(moments).collect();
+        let groups: Vec<(f64, f64)> =
+            squares.chunks(size).filter(|group| group.len() >= LEAST_SQUARES).map(moments).collect();
         let (gain, variance) = line(&groups);
         let light = squares.iter().map(|square| square.0).sum::<f64>() / squares.len().max(1) as f64;
         if gain > 0.0 {

@@ -60,7 +60,8 @@ fn squares_are_averaged_and_saturated_ones_left_out() {
 fn colours_are_read_channel_by_channel() {
     let bench = Bench::new();
     let measured = bench.write("y.npy", &[40, 40, 3], |index| [50.5, 90.5, 70.5][index % 3]);
-    let colours = bench.write("psf.npy", &[32, 32, 3], |index| if index / 3 == 500 { 9.0 + (index % 3) as f32 } else { 0.0 });
+    let colours =
+        bench.write("psf.npy", &[32, 32, 3], |index| if index / 3 == 500 { 9.0 + (index % 3) as f32 } else { 0.0 });
     let capture = files(measured.clone(), colours).open().unwrap();
     let light: Vec<f64> = capture.channels.iter().map(|c| f64::from(c.measurements[(0, 5, 5)]) * c.gain).collect();
     assert!(light.iter().zip([50.5, 90.5, 70.5]).all(|(found, expected)| (found - expected).abs() < 1e-3), "{light:?}");

@@ -12,11 +12,11 @@ use faer::{Accum, Mat, MatRef, Par, Side};
 use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 use rayon::prelude::*;
 
-use super::principal_components::product;
-use super::tiles::TileMoments;
 use super::light::repeated;
 use super::mean_measurement::{MeanMeasurement, check};
+use super::principal_components::product;
 use super::prior::Prior;
+use super::tiles::TileMoments;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::decoder::{PreparedDecoder, ReconstructionStep};
 use crate::reconstruction::error::ReconstructionError;
@@ -85,8 +85,7 @@ impl Responses {
             })
             .collect();
         let width = fourier.shape().1;
-        let values =
-            Mat::from_fn(components.len(), rows * cols, |k, at| components[k][at / cols * width + at % cols]);
+        let values = Mat::from_fn(components.len(), rows * cols, |k, at| components[k][at / cols * width + at % cols]);
         Self { values, rows, cols }
     }
 
@@ -149,9 +148,8 @@ impl CholeskyDecoder {
         );
         let cut_columns = MatRef::from_column_major_slice(&cut, side, tiles * count);
         let projected = product(moments.lit.transpose(), cut_columns);
-        let mut z = Mat::from_fn(components * tiles, count, |i, n| {
-            projected[(i % components, n * tiles + i / components)]
-        });
+        let mut z =
+            Mat::from_fn(components * tiles, count, |i, n| projected[(i % components, n * tiles + i / components)]);
         let par = if count == 1 { Par::Seq } else { Par::rayon(0) };
         solve_lower_triangular_in_place(self.factor.as_ref(), z.as_mut(), par);
         solve_upper_triangular_in_place(self.factor.transpose(), z.as_mut(), par);

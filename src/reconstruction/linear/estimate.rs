@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::beads::BeadCovariance;
 use super::cholesky::CholeskyDecoder;
 use super::conjugate_gradients::IterativeDecoder;
 use super::prior::{Moments, Prior};
@@ -49,6 +50,10 @@ impl Decoder for LinearMmse {
             }
             Moments::Tiles(tiles) => {
                 let covariance = TileCovariance::new(model, tiles.clone())?;
+                Box::new(IterativeDecoder::new(model, self.prior.mean().to_owned(), covariance)?)
+            }
+            Moments::Beads(beads) => {
+                let covariance = BeadCovariance::new(model, beads.clone())?;
                 Box::new(IterativeDecoder::new(model, self.prior.mean().to_owned(), covariance)?)
             }
             Moments::Stationary(stationary) => {

@@ -57,7 +57,7 @@ pub fn mean_object(set: &ObjectSet) -> Array2<f32> {
 }
 
 /// Expected beads in every pixel: fewer at the border, beyond which there are none.
-fn mean_of_beads(prior: &BeadPrior, (rows, cols): (usize, usize)) -> Array2<f32> {
+pub(super) fn mean_of_beads(prior: &BeadPrior, (rows, cols): (usize, usize)) -> Array2<f32> {
     let (anchor_row, anchor_col) = prior.anchor;
     // A bead at (row, col) adds spot[i, j] to (row + i - anchor_row, col + j - anchor_col).
     let is_inside = |pixel: usize, anchor: usize, index: usize, length: usize| {

@@ -7,6 +7,7 @@
 //! A [`Prior`] holds the moments. [`LinearMmse`] prepares it for a mask: by one Cholesky factor where mosaics have few tiles, by
 //! conjugate gradients with Fourier transforms otherwise.
 
+mod beads;
 mod cholesky;
 mod conjugate_gradients;
 mod estimate;

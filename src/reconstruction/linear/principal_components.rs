@@ -11,6 +11,8 @@ use rand_distr::StandardNormal;
 const OVERSAMPLING: usize = 32;
 /// Subspace iterations. Two suffice for spectra that fall as slowly as those of natural images.
 const ITERATIONS: usize = 2;
+/// Least variance of a component relative to the first. Below, it is rounding.
+const LEAST_SHARE: f64 = 1e-6;
 /// Seed of the start directions, which the result hardly depends on.
 const SEED: u64 = 1;
 
@@ -37,7 +39,7 @@ pub(super) fn product(a: MatRef<'_, f32>, b: MatRef<'_, f32>) -> Mat<f32> {
 }
 
 impl Components {
-    /// At most `count` components of samples (n, pixels) with mean 0; fewer where there are fewer samples or pixels.
+    /// At most `count` components of samples (n, pixels) with mean 0; fewer where samples differ in fewer ways.
     pub(super) fn of(samples: &Array2<f32>, count: usize) -> Self {
         let (rows, pixels) = samples.dim();
         let most = rows.min(pixels);
@@ -58,6 +60,8 @@ impl Components {
         };
         // Eigenvalues rise.
         let values = eigen.S().column_vector();
+        let least = LEAST_SHARE * values[wide.max(1) - 1];
+        let count = (0..count).take_while(|j| values[wide - 1 - j] > least).count();
         let rotation = Mat::from_fn(wide, count, |i, j| eigen.U()[(i, wide - 1 - j)] as f32);
         Self {
             directions: product(directions.as_ref(), rotation.as_ref()),
@@ -66,22 +70,32 @@ impl Components {
     }
 }
 
-/// Variance of samples that components were not found from, relative to that of those they were found from: by component, averaged over
-/// neighbours. Below 1, as components also fit what their samples have by chance.
+/// Share of the variance of samples that components were not found from, relative to the share of those they were found from: by component,
+/// averaged over neighbours. Below 1, as components also fit what their samples have by chance.
 pub(super) fn held_out_shares(found_from: &Array2<f32>, held_out: &Array2<f32>, count: usize) -> Vec<f64> {
     let components = Components::of(found_from, count);
     let scores = product(columns(held_out).transpose(), components.directions.as_ref());
     let samples = held_out.nrows().max(1) as f64;
     let variance = |k: usize| scores.col(k).iter().map(|&score| f64::from(score).powi(2)).sum::<f64>() / samples;
     let seen = &components.variances;
-    let new: Vec<f64> = (0..seen.len()).map(variance).collect();
-    // Later components are more alike.
-    let around = |k: usize| k - k / 4..(k + k / 4 + 1).min(seen.len());
+    // Images that are brighter or darker than others by chance do not count.
+    let brightness = total_variance(held_out) / total_variance(found_from);
+    let new: Vec<f64> = (0..seen.len()).map(|k| variance(k) / brightness).collect();
+    // A single ratio scatters with the few images that are held out. Later components are more alike.
+    let around = |k: usize| {
+        let reach = (k / 2).max(8);
+        k.saturating_sub(reach)..(k + reach + 1).min(seen.len())
+    };
     let share = |k: usize| {
-        let [new, seen] = [&new, seen].map(|values| values[around(k)].iter().sum::<f64>());
-        if seen > 0.0 { (new / seen).clamp(0.0, 1.0) } else { 0.0 }
+        let ratios: Vec<f64> = around(k).filter(|&k| seen[k] > 0.0).map(|k| new[k] / seen[k]).collect();
+        if ratios.is_empty() { 0.0 } else { (ratios.iter().sum::<f64>() / ratios.len() as f64).min(1.0) }
     };
     (0..seen.len()).map(share).collect()
+}
+
+/// Sum of the variances of all columns of samples (n, pixels) with mean 0.
+fn total_variance(samples: &Array2<f32>) -> f64 {
+    samples.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>() / samples.nrows().max(1) as f64
 }
 
 /// Mean of every column of samples (n, pixels).

@@ -1,4 +1,4 @@
-//! Moments of objects whose covariance is the same everywhere: beads, whole images, mosaics cut at random places.
+//! Moments of objects whose covariance is the same everywhere: whole images, mosaics cut at random places, beads far from the border.
 
 use std::sync::Arc;
 

@@ -174,7 +174,8 @@ fn mosaics_are_estimated_as_by_the_dense_matrices() {
                 if tile == other { shared + own } else { 0.0 }
             })
         };
-        let over_field = |tile: &[f32]| (0..field.0 * field.1).map(|at| f64::from(tile[place(at).1])).collect::<Vec<f64>>();
+        let over_field =
+            |tile: &[f32]| (0..field.0 * field.1).map(|at| f64::from(tile[place(at).1])).collect::<Vec<f64>>();
         let covariances = [
             outer(&moments.lit, &moments.lit, None),
             outer(&moments.truth, &moments.lit, None),
@@ -224,6 +225,39 @@ fn other_fields_shapes_and_values_are_refused() {
     y[(1, 2, 3)] = f32::INFINITY;
     let error = prepared.reconstruct(y.view(), &mut CancelToken::new()).err().unwrap().to_string();
     assert!(error.contains("in image 2 at row 2, column 3"), "{error}");
+}
+
+/// A set of few sites: their covariance by its definition, as many beads in every object.
+#[test]
+fn beads_are_estimated_as_by_the_dense_matrices() {
+    let field = (12, 14);
+    let options = crate::objects::ObjectOptions { field, mean_photons: 60.0 };
+    let set = crate::objects::ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
+    let beads = set.bead_prior().unwrap();
+    let sites = field.0 * field.1;
+    let place = |at: usize| (at / field.1, at % field.1);
+    // Photons that a bead at site `j` adds to pixel `i`.
+    let spot = Mat::from_fn(sites, sites, |i, j| {
+        let ((row, col), (site_row, site_col)) = (place(i), place(j));
+        let index = (row + beads.anchor.0).checked_sub(site_row).zip((col + beads.anchor.1).checked_sub(site_col));
+        index.and_then(|index| beads.spot.get(index)).copied().unwrap_or(0.0)
+    });
+    let (p, n) = (beads.probability, sites as f64);
+    let of_sites = Mat::from_fn(sites, sites, |i, j| p * (1.0 - p) * if i == j { 1.0 } else { -1.0 / (n - 1.0) });
+    let covariance = &spot * of_sites * spot.transpose();
+    let prior = Prior::learn(&set, Light::Scene, &CancelToken::new()).unwrap();
+    let mean: Vec<f64> = prior.mean().iter().map(|&value| f64::from(value)).collect();
+    let model = ImagingModel::new(psf(5, 4).view(), field, 10.0, Noise::Shot).unwrap();
+    let prepared = LinearMmse::new(Arc::new(prior)).prepare(&model, &CancelToken::new()).unwrap();
+    let dense = Dense::new(&model, &mean, [covariance.clone(), covariance.clone(), covariance], &vec![0.0; sites]);
+    let y = measurements(&model);
+    let found = prepared.reconstruct(y.view(), &mut CancelToken::new()).unwrap();
+    for (found, y) in found.outer_iter().zip(y.outer_iter()) {
+        assert_near(found.iter().copied(), &dense.estimate(&mean, y), 3e-3);
+    }
+    let expected = dense.variance().iter().sum::<f64>() / n;
+    let mse = prepared.expected_mse(&CancelToken::new()).unwrap().unwrap();
+    assert!((mse / expected - 1.0).abs() < 0.12, "{mse} against {expected}");
 }
 
 /// Beads: the mean thins out at the border, and the estimate is that of independent sites.

@@ -8,8 +8,8 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
 use super::conjugate_gradients::{MeasurementCovariance, PriorSample};
-use super::principal_components::{Components, columns, held_out_shares, mean_of, product};
 use super::light::{DrawnObjects, Light, repeated};
+use super::principal_components::{Components, columns, held_out_shares, mean_of, product};
 use crate::objects::{ObjectSet, Split};
 use crate::progress::CancelToken;
 use crate::reconstruction::error::ReconstructionError;
@@ -21,7 +21,7 @@ const MOST_COMPONENTS: usize = 300;
 /// Most values of the samples that components are learned from; 256 MiB.
 const MOST_VALUES: usize = 1 << 26;
 /// Fewest images that variances are validated on.
-const LEAST_VALIDATION: usize = 20;
+const LEAST_VALIDATION: usize = 8;
 /// Fewest and most objects that are drawn for samples lit one by one.
 const FEWEST_OBJECTS: usize = 500;
 const MOST_OBJECTS: usize = 3000;
@@ -61,7 +61,7 @@ impl TileMoments {
             set.objects(Split::Train, 1, 0)?;
         }
         let (mean_lit, variance_lit) = centred(&mut samples.lit);
-        let components = Components::of(&samples.lit, most_components());
+        let components = Components::of(&samples.lit, MOST_COMPONENTS);
         if cancel.is_cancelled() {
             return Err(ReconstructionError::Cancelled);
         }
@@ -100,17 +100,17 @@ impl TileMoments {
 
     /// Share of the variance of each component that images have which it was not found from.
     fn shares(set: &ObjectSet, side: usize, light: Light) -> Result<Vec<f64>, ReconstructionError> {
-        let [mut fit, mut validation] =
-            [Split::Fit, Split::Validation].map(|split| TileSamples::draw(set, side, light, split).map(|tiles| tiles.lit));
-        let (Ok(fit), Ok(validation)) = (&mut fit, &mut validation) else { return Ok(vec![1.0; most_components()]) };
-        if validation.nrows() < LEAST_VALIDATION || std::env::var("RP_SHRINK").is_ok_and(|v| v == "0") {
-            return Ok(vec![1.0; most_components()]);
+        let [mut fit, mut validation] = [Split::Fit, Split::Validation]
+            .map(|split| TileSamples::draw(set, side, light, split).map(|tiles| tiles.lit));
+        let (Ok(fit), Ok(validation)) = (&mut fit, &mut validation) else { return Ok(vec![1.0; MOST_COMPONENTS]) };
+        if validation.nrows() < LEAST_VALIDATION {
+            return Ok(vec![1.0; MOST_COMPONENTS]);
         }
         let (mean, _) = centred(fit);
         for mut tile in validation.rows_mut() {
             tile.iter_mut().zip(&mean).for_each(|(value, &mean)| *value -= mean);
         }
-        Ok(held_out_shares(fit, validation, most_components()))
+        Ok(held_out_shares(fit, validation, MOST_COMPONENTS))
     }
 
     /// Components of a tile.
@@ -175,12 +175,10 @@ impl TileSamples {
             return Ok(Self { lit: tiles, truth: None });
         }
         let places = (set.field().0 / side) * (set.field().1 / side);
-        let count = (2 * tiles.nrows()).div_ceil(places).clamp(FEWEST_OBJECTS, MOST_OBJECTS).min((most / places).max(1));
+        let count =
+            (2 * tiles.nrows()).div_ceil(places).clamp(FEWEST_OBJECTS, MOST_OBJECTS).min((most / places).max(1));
         let drawn = DrawnObjects::draw(set, light, split, count)?;
-        Ok(Self {
-            lit: DrawnObjects::tiles(&drawn.lit, side),
-            truth: Some(DrawnObjects::tiles(&drawn.truth, side)),
-        })
+        Ok(Self { lit: DrawnObjects::tiles(&drawn.lit, side), truth: Some(DrawnObjects::tiles(&drawn.truth, side)) })
     }
 }
 
@@ -281,4 +279,3 @@ impl MeasurementCovariance for TileCovariance {
         PriorSample { lit, truth: memory.object.clone() }
     }
 }
-fn most_components() -> usize { std::env::var("RP_R").map_or(MOST_COMPONENTS, |v| v.parse().unwrap()) }

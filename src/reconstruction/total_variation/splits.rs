@@ -9,6 +9,8 @@ use crate::reconstruction::fourier::{Fourier, FourierBuffer};
 
 /// Pixels that one thread works on at least.
 const SHARE: usize = 1 << 15;
+/// Penalty of gradients and sign, relative to that of the crop.
+const OBJECT_PENALTY: f64 = 0.25;
 
 /// The measurement in units of the mean object, and where it lies on the grid.
 pub(super) struct Target<'a> {
@@ -33,10 +35,14 @@ pub(super) struct Penalties {
 }
 
 impl Penalties {
-    /// Penalties for this mean data weight.
-    pub(super) fn of(level: f64) -> Self {
-        let level = level as f32;
-        Self { crop: level, gradients: 0.1 * level, sign: 0.1 * level }
+    /// Penalties for a typical data weight, and for a point spread function of this energy (sum of its squares).
+    ///
+    /// Pixels of large weight follow the measurement at once under any penalty, those of small weight only under a small one. So the
+    /// typical weight is that of the mean variance. The energy is the mean power of the mask over all frequencies, so gradients and sign
+    /// are as stiff as the crop in terms of the object.
+    pub(super) fn of(level: f64, energy: f64) -> Self {
+        let of_object = (OBJECT_PENALTY * level * energy) as f32;
+        Self { crop: level as f32, gradients: of_object, sign: of_object }
     }
 }
 
@@ -114,37 +120,38 @@ impl Splits {
         let (top, left) = target.corner;
         let (rows, width) = data.shape;
         let block = Self::block(cols);
-        let parts: Vec<f64> = (self.image.par_chunks(block), self.crop_dual.par_chunks_mut(block), self.crop.par_chunks_mut(block))
-            .into_par_iter()
-            .enumerate()
-            .map(|(index, (image, dual, split))| {
-                let mut misfit = 0.0;
-                let first = index * block / cols;
-                let lines = image.chunks(cols).zip(dual.chunks_mut(cols)).zip(split.chunks_mut(cols));
-                for (row, ((image, dual), split)) in lines.enumerate() {
-                    for ((&image, dual), split) in image.iter().zip(dual.iter_mut()).zip(split.iter_mut()) {
-                        // Without a measurement the split follows the image, and its dual is 0.
-                        *split = image + *dual;
-                        *dual = 0.0;
+        let parts: Vec<f64> =
+            (self.image.par_chunks(block), self.crop_dual.par_chunks_mut(block), self.crop.par_chunks_mut(block))
+                .into_par_iter()
+                .enumerate()
+                .map(|(index, (image, dual, split))| {
+                    let mut misfit = 0.0;
+                    let first = index * block / cols;
+                    let lines = image.chunks(cols).zip(dual.chunks_mut(cols)).zip(split.chunks_mut(cols));
+                    for (row, ((image, dual), split)) in lines.enumerate() {
+                        for ((&image, dual), split) in image.iter().zip(dual.iter_mut()).zip(split.iter_mut()) {
+                            // Without a measurement the split follows the image, and its dual is 0.
+                            *split = image + *dual;
+                            *dual = 0.0;
+                        }
+                        let Some(row) = (first + row).checked_sub(top).filter(|&row| row < rows) else { continue };
+                        let measured = row * width..(row + 1) * width;
+                        let pixels = data.light[measured.clone()].iter().zip(&data.weights[measured]);
+                        let seen = left..left + width;
+                        let duals = dual[seen.clone()].iter_mut().zip(&mut split[seen.clone()]);
+                        for (((&light, &weight), (dual, split)), &image) in pixels.zip(duals).zip(&image[seen]) {
+                            let weight = weight * unit * unit;
+                            let light = light / unit;
+                            misfit += f64::from(weight * (light - image) * (light - image));
+                            let shifted = *split;
+                            let nearer = (weight * light + penalty * shifted) / (weight + penalty);
+                            *dual = shifted - nearer;
+                            *split = nearer - *dual;
+                        }
                     }
-                    let Some(row) = (first + row).checked_sub(top).filter(|&row| row < rows) else { continue };
-                    let measured = row * width..(row + 1) * width;
-                    let pixels = data.light[measured.clone()].iter().zip(&data.weights[measured]);
-                    let seen = left..left + width;
-                    let duals = dual[seen.clone()].iter_mut().zip(&mut split[seen.clone()]);
-                    for (((&light, &weight), (dual, split)), &image) in pixels.zip(duals).zip(&image[seen]) {
-                        let weight = weight * unit * unit;
-                        let light = light / unit;
-                        misfit += f64::from(weight * (light - image) * (light - image));
-                        let shifted = *split;
-                        let nearer = (weight * light + penalty * shifted) / (weight + penalty);
-                        *dual = shifted - nearer;
-                        *split = nearer - *dual;
-                    }
-                }
-                misfit
-            })
-            .collect();
+                    misfit
+                })
+                .collect();
         parts.iter().sum()
     }
 
@@ -186,7 +193,8 @@ impl Splits {
 
     /// Sign: no negative light.
     fn split_sign(&mut self) {
-        let lines = (self.object.par_chunks(SHARE), self.sign_dual.par_chunks_mut(SHARE), self.sign.par_chunks_mut(SHARE));
+        let lines =
+            (self.object.par_chunks(SHARE), self.sign_dual.par_chunks_mut(SHARE), self.sign.par_chunks_mut(SHARE));
         lines.into_par_iter().for_each(|(object, dual, split)| {
             for ((&object, dual), split) in object.iter().zip(dual).zip(split) {
                 let shifted = object + *dual;
