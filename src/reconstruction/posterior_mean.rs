@@ -14,6 +14,10 @@ use crate::information::{BeadPosterior, BeadScene, Decoder as BeadDecoder, Objec
 use crate::objects::BeadPrior;
 use crate::progress::{CancelToken, Progress};
 
+/// Sweeps of the chains that the standard deviation is taken from where the mean is the decoder's. Independent probabilities would
+/// overstate it: a bead between two pixels counts at both.
+const SWEEPS_OF_DEVIATION: usize = 150;
+
 /// Posterior mean of beads.
 pub struct PosteriorMean {
     beads: BeadPrior,
@@ -66,19 +70,23 @@ struct Prepared {
 
 impl Prepared {
     /// Mean object on the scale of the set.
-    fn object(&self, posterior: &ObjectPosterior) -> Array2<f32> {
-        posterior.mean.mapv(|value| (f64::from(value) * self.to_set_scale) as f32)
+    fn object(&self, mean: &Array2<f32>) -> Array2<f32> {
+        mean.mapv(|value| (f64::from(value) * self.to_set_scale) as f32)
     }
 
-    /// Posteriors of a few measurements.
-    fn posteriors(
+    /// Mean variance of a posterior on the scale of the set, photons squared.
+    fn expected_mse_of(&self, posterior: &ObjectPosterior) -> f64 {
+        let sum = posterior.variance.iter().map(|&value| f64::from(value)).sum::<f64>();
+        sum / posterior.variance.len() as f64 * self.to_set_scale.powi(2)
+    }
+
+    /// Posteriors of a few measurements by chains. The error of `on_sweeps` ends them.
+    fn by_chains(
         &self,
         measurements: &[Vec<f32>],
+        chains: PosteriorChains,
         on_sweeps: &mut dyn FnMut(usize, &dyn Fn() -> Vec<ObjectPosterior>) -> Result<(), ReconstructionError>,
     ) -> Result<Vec<ObjectPosterior>, ReconstructionError> {
-        let Some(chains) = self.chains else {
-            return Ok(measurements.par_iter().map(|noisy| self.posterior.of_decoder(noisy)).collect());
-        };
         let mut failed = None;
         let found = self.posterior.of_chains(measurements, chains, &mut |done, so_far| match on_sweeps(done, so_far) {
             Ok(()) => std::ops::ControlFlow::Continue(()),
@@ -123,23 +131,29 @@ impl PreparedDecoder for Prepared {
         let together = rayon::current_num_threads().div_ceil(self.chains.map_or(1, |chains| chains.chains.max(1)));
         for (group, measurements) in noisy.chunks(together.max(1)).enumerate() {
             let first = group * together.max(1);
-            let found = self.posteriors(measurements, &mut |done, so_far| {
-                if total > 1 {
-                    // Of the images before this group; sweeps only ask whether to go on.
-                    return report(progress, &ReconstructionStep::Images { done: first, total });
+            let found = match self.chains {
+                None => measurements.par_iter().map(|noisy| self.posterior.mean_of_decoder(noisy)).collect(),
+                Some(chains) => {
+                    let found = self.by_chains(measurements, chains, &mut |done, so_far| {
+                        if total > 1 {
+                            // Of the images before this group; sweeps only ask whether to go on.
+                            return report(progress, &ReconstructionStep::Images { done: first, total });
+                        }
+                        let object = so_far().first().map(|posterior| self.object(&posterior.mean).into());
+                        report(progress, &ReconstructionStep::Iteration { done, most, object })
+                    })?;
+                    expected_mse.extend(found.iter().map(|posterior| self.expected_mse_of(posterior)));
+                    found.into_iter().map(|posterior| posterior.mean).collect::<Vec<_>>()
                 }
-                let object = so_far().first().map(|posterior| self.object(posterior).into());
-                report(progress, &ReconstructionStep::Iteration { done, most, object })
-            })?;
-            for (index, posterior) in found.iter().enumerate() {
-                objects.index_axis_mut(Axis(0), first + index).assign(&self.object(posterior));
-                let variance = posterior.variance.iter().map(|&value| f64::from(value)).sum::<f64>();
-                expected_mse.push(variance / (rows * cols) as f64 * self.to_set_scale.powi(2));
+            };
+            for (index, mean) in found.iter().enumerate() {
+                objects.index_axis_mut(Axis(0), first + index).assign(&self.object(mean));
             }
             let done = first + found.len();
             report(progress, &ReconstructionStep::Images { done, total })?;
         }
-        Ok(ObjectEstimates { objects, expected_mse: Some(expected_mse) })
+        let expected_mse = self.chains.is_some().then_some(expected_mse);
+        Ok(ObjectEstimates { objects, expected_mse })
     }
 
     fn standard_deviation(
@@ -149,7 +163,8 @@ impl PreparedDecoder for Prepared {
     ) -> Result<Option<Array2<f32>>, ReconstructionError> {
         self.check(&measurement.insert_axis(Axis(0)))?;
         let noisy: Vec<f32> = measurement.iter().copied().collect();
-        let found = self.posteriors(&[noisy], &mut |_, _| {
+        let chains = self.chains.unwrap_or(PosteriorChains::of_sweeps(SWEEPS_OF_DEVIATION, 1));
+        let found = self.by_chains(&[noisy], chains, &mut |_, _| {
             if cancel.is_cancelled() { Err(ReconstructionError::Cancelled) } else { Ok(()) }
         })?;
         let deviation = |value: f32| (f64::from(value).sqrt() * self.to_set_scale) as f32;

@@ -4,7 +4,7 @@
 //! isotropic total variation. As in Antipa et al. (Optica 5, 1, 2018) the crop to the sensor is a split of its own. So every step is a
 //! division: of pixels (crop, gradients, sign) or of frequencies (the object). `var_i` is the variance of the noise at the local mean of
 //! the measurement. The weight is chosen by discrepancy: it rises while the residual is below that of the noise, and falls while it is
-//! above.
+//! above, down to a least weight.
 
 mod splits;
 
@@ -24,8 +24,9 @@ use splits::{Penalties, Splits, Target};
 
 /// Iterations between changes of the weight, and between reports of the object.
 const ROUND: usize = 5;
-/// First weight, in units of the root of the typical data weight.
-const FIRST_WEIGHT: f64 = 0.03;
+/// First and least weight, in units of the root of the typical data weight. Where the residual stays above the noise at this weight, it is
+/// the error of the model, such as of a photographed PSF, and a smaller weight would fit it.
+const LEAST_WEIGHT: f64 = 0.03;
 /// Largest change of the weight in a round.
 const LARGEST_CHANGE: f64 = 1.3;
 /// Images of the size of the grid that the iterations hold.
@@ -90,7 +91,7 @@ impl OneImage for Prepared {
         let level = data.typical_weight() * unit * unit;
         let energy = self.model.psf().iter().map(|&value| value * value).sum();
         let penalties = Penalties::of(level, energy);
-        let mut weight = self.settings.weight.unwrap_or(FIRST_WEIGHT * level.sqrt());
+        let mut weight = self.settings.weight.unwrap_or(LEAST_WEIGHT * level.sqrt());
         let mut splits = Splits::new(&self.fourier, throughput as f32);
         let most = self.settings.iterations.max(1);
         for done in 1..=most {
@@ -98,7 +99,7 @@ impl OneImage for Prepared {
             let is_round = done % ROUND == 0;
             if is_round && self.settings.weight.is_none() {
                 let change = (data.pixels / misfit.max(f64::MIN_POSITIVE)).sqrt();
-                weight *= change.clamp(1.0 / LARGEST_CHANGE, LARGEST_CHANGE);
+                weight = (weight * change.clamp(1.0 / LARGEST_CHANGE, LARGEST_CHANGE)).max(LEAST_WEIGHT * level.sqrt());
             }
             let object = is_round.then(|| Arc::new(splits.object(self.fourier.shape().1, self.model.field(), unit)));
             report(progress, &ReconstructionStep::Iteration { done, most, object })?;

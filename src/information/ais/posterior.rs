@@ -1,7 +1,7 @@
 //! Posterior mean and variance of bead objects given one measurement.
 //!
-//! The trained decoder gives the probability of a bead at every site. Blurred by the bead they are the posterior mean if sites were
-//! independent. Markov chains that start there and anneal to the posterior (as in [`super::chain`]) drop that assumption.
+//! The trained decoder gives the probability of a bead at every site. Blurred by the bead, the probabilities are an estimate of the mean.
+//! Markov chains that start there and anneal to the posterior (as in [`super::chain`]) give mean and variance themselves.
 
 use std::ops::{ControlFlow, Range};
 
@@ -125,20 +125,14 @@ impl BeadPosterior {
         })
     }
 
-    /// The posterior of a measurement, row by row, if sites were independent.
-    pub fn of_decoder(&self, noisy: &[f32]) -> ObjectPosterior {
-        let chances: Vec<f64> = self.log_odds(noisy).into_iter().map(|odds| probability(f64::from(odds))).collect();
-        let blurred = |value: &dyn Fn(f64) -> f64, bead: &dyn Fn(f64) -> f64| {
-            let mut image = Array2::zeros(self.field);
-            for ((row, col), pixel) in self.sites() {
-                self.add_bead((row, col), value(chances[pixel]), bead, &mut image);
-            }
-            image.mapv(|value: f64| value as f32)
-        };
-        ObjectPosterior {
-            mean: blurred(&|p| p, &|photons| photons),
-            variance: blurred(&|p| p * (1.0 - p), &|photons| photons * photons),
+    /// The mean object of a measurement, row by row, by the probabilities of the decoder.
+    pub fn mean_of_decoder(&self, noisy: &[f32]) -> Array2<f32> {
+        let odds = self.log_odds(noisy);
+        let mut image = Array2::zeros(self.field);
+        for (pixel, site) in self.sites() {
+            self.add_bead(pixel, probability(f64::from(odds[site])), &mut image);
         }
+        image.mapv(|value| value as f32)
     }
 
     /// Posteriors of measurements, each row by row, by Markov chains. `progress` is called after every few sweeps with the number of sweeps
@@ -229,14 +223,14 @@ impl BeadPosterior {
         pixels.map(|(row, col)| ((row, col), (row + self.corner.0) * self.problem.sites.cols + col + self.corner.1))
     }
 
-    /// Adds `share` of a bead at a pixel of the field to an image of it; `of` converts the photons of the bead.
-    fn add_bead(&self, (row, col): (usize, usize), share: f64, of: impl Fn(f64) -> f64, image: &mut Array2<f64>) {
+    /// Adds `share` of a bead at a pixel of the field to an image of it.
+    fn add_bead(&self, (row, col): (usize, usize), share: f64, image: &mut Array2<f64>) {
         let (rows, cols) = self.field;
         let (anchor_row, anchor_col) = self.prior.anchor;
         for ((i, j), &photons) in self.prior.spot.indexed_iter() {
             let place = (row + i).checked_sub(anchor_row).zip((col + j).checked_sub(anchor_col));
             if let Some((row, col)) = place.filter(|&(row, col)| row < rows && col < cols) {
-                image[(row, col)] += share * of(photons);
+                image[(row, col)] += share * photons;
             }
         }
     }
@@ -305,7 +299,7 @@ impl Record {
         let cols = scene.problem.sites.cols;
         for &site in occupied {
             let place = (site as usize / cols - scene.corner.0, site as usize % cols - scene.corner.1);
-            scene.add_bead(place, 1.0, |photons| photons, &mut object);
+            scene.add_bead(place, 1.0, &mut object);
         }
         self.count += 1.0;
         self.sum += &object;
@@ -345,7 +339,7 @@ mod tests {
         let object = |beads: u32| {
             let mut image = Array2::<f64>::zeros(field);
             for site in (0..12).filter(|site| beads >> site & 1 == 1) {
-                posterior.add_bead((site / 4, site % 4), 1.0, |photons| photons, &mut image);
+                posterior.add_bead((site / 4, site % 4), 1.0, &mut image);
             }
             image
         };
