@@ -19,6 +19,7 @@ mod reproduce;
 mod schemas;
 mod simulate;
 mod study;
+mod study_decoders;
 mod tamura;
 
 use failure::Failure;

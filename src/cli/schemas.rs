@@ -13,7 +13,7 @@ use super::{bounds, export, optimize, reproduce, simulate, tamura};
 use crate::design::IdealSettings;
 use crate::forward::Design;
 use crate::information::Estimate;
-use crate::studies::StudyRecord;
+use crate::studies::{DecoderStudyRecord, StudyRecord};
 use crate::workbench::{IdealRecord, LiveRecord};
 
 /// Content of a design file.
@@ -78,6 +78,10 @@ fn pages() -> Vec<Page> {
         of_kind(design, "lenslet-studio/design"),
         of_kind(written::<Estimate>("estimate", "The JSON of estimate"), "lenslet-studio/estimate"),
         of_kind(written::<StudyRecord>("study", "study.json, and the JSON of study"), "lenslet-studio/study"),
+        of_kind(
+            written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
+            "lenslet-studio/decoder-study",
+        ),
         of_kind(written::<IdealRecord>("run", "run.json, the record of a run"), "lenslet-studio/ideal"),
         of_kind(
             written::<LiveRecord>("live-estimate", "The record of a live estimate"),

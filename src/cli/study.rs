@@ -12,6 +12,7 @@ use super::design_args::{DesignArgs, SceneArgs};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use super::study_decoders::Decoders;
 use crate::evaluation::format_duration;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -35,6 +36,8 @@ enum Kind {
     Patches(Patches),
     /// Lower and upper bounds by bead density, with a plot.
     Bracket(Bracket),
+    /// Information of the whole sensor beside the image quality of decoders, with a scatter plot.
+    Decoders(Decoders),
 }
 
 /// Flags of all studies.
@@ -179,6 +182,7 @@ impl Arguments {
                 let settings = bracket.settings();
                 bracket.common.run(settings)
             }
+            Kind::Decoders(decoders) => decoders.run(),
         }
     }
 }
@@ -186,26 +190,7 @@ impl Arguments {
 impl Grid {
     fn settings(&self) -> anyhow::Result<StudySettings> {
         let published = StudySettings::grid();
-        let (sources, names) = (self.objects.len(), self.published_as.len());
-        let read = self.objects.iter().filter(|source| source.is_read()).count();
-        if ![0, sources, read].contains(&names) {
-            anyhow::bail!(
-                "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
-                 read from files, found {names}; give none for objects without published values"
-            );
-        }
-        let mut choices = self.published_as.iter();
-        let mut objects = Vec::with_capacity(sources);
-        for source in &self.objects {
-            let choice = if names == sources || source.is_read() { choices.next() } else { None };
-            let set = choice.and_then(|choice| choice.set());
-            if !source.is_read() && set.is_some() {
-                anyhow::bail!(
-                    "{source}: expected images of a published set, found beads; give --published-as none for beads"
-                );
-            }
-            objects.push(StudyObjects::new(source.clone(), set));
-        }
+        let objects = objects_of(&self.objects, &self.published_as)?;
         Ok(StudySettings {
             objects: if objects.is_empty() { published.objects } else { objects },
             designs: layouts(&self.lenslets, published.designs),
@@ -355,6 +340,34 @@ fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
         (None, None) => "failed".to_owned(),
     };
     format!("Cell {number} of {cells}: {name}: {result}")
+}
+
+/// Objects with the published set that each corresponds to; no names for objects without published values.
+pub(super) fn objects_of(
+    sources_of: &[ObjectSource],
+    published_as: &[PublishedChoice],
+) -> anyhow::Result<Vec<StudyObjects>> {
+    let (sources, names) = (sources_of.len(), published_as.len());
+    let read = sources_of.iter().filter(|source| source.is_read()).count();
+    if ![0, sources, read].contains(&names) {
+        anyhow::bail!(
+            "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
+             read from files, found {names}; give none for objects without published values"
+        );
+    }
+    let mut choices = published_as.iter();
+    let mut objects = Vec::with_capacity(sources);
+    for source in sources_of {
+        let choice = if names == sources || source.is_read() { choices.next() } else { None };
+        let set = choice.and_then(|choice| choice.set());
+        if !source.is_read() && set.is_some() {
+            anyhow::bail!(
+                "{source}: expected images of a published set, found beads; give --published-as none for beads"
+            );
+        }
+        objects.push(StudyObjects::new(source.clone(), set));
+    }
+    Ok(objects)
 }
 
 /// Default time of a cell, seconds.

@@ -149,6 +149,7 @@ pub struct DecoderNeeds {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum DecoderKind {
     /// Linear estimate of least squared error, with a prior from the training objects; live.
     #[default]

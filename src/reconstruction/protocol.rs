@@ -146,6 +146,7 @@ impl Mean {
 ///
 /// PSNRs average the squared errors of 64 objects before the logarithm, and then the batches, as the publication does.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DecoderQuality {
     /// The decoder.
     pub decoder: DecoderKind,

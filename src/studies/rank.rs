@@ -1,20 +1,26 @@
-//! Whether two numbers put designs in the same order.
+//! Whether two numbers put designs in the same order, and how far they rise together.
 
 /// Spearman's rank correlation of pairs, -1 to 1: Pearson's correlation of the ranks, equal values sharing the mean of
 /// their ranks. `None` for fewer than two pairs, and where all values of one side are equal.
 pub fn spearman(pairs: &[(f64, f64)]) -> Option<f64> {
     let first = ranks(pairs.iter().map(|pair| pair.0));
     let second = ranks(pairs.iter().map(|pair| pair.1));
-    // Ranks are 1 to n in some order, so their mean is known.
-    let mean = f64::midpoint(1.0, pairs.len() as f64);
+    pearson(&first.into_iter().zip(second).collect::<Vec<_>>())
+}
+
+/// Pearson's correlation of pairs, -1 to 1. `None` for fewer than two pairs, and where all values of one side are equal.
+pub fn pearson(pairs: &[(f64, f64)]) -> Option<f64> {
+    let count = pairs.len() as f64;
+    let mean = |side: fn(&(f64, f64)) -> f64| pairs.iter().map(side).sum::<f64>() / count;
+    let means = (mean(|pair| pair.0), mean(|pair| pair.1));
     let (mut product, mut squares) = (0.0, (0.0, 0.0));
-    for (a, b) in first.iter().zip(&second) {
-        let (a, b) = (a - mean, b - mean);
+    for (a, b) in pairs {
+        let (a, b) = (a - means.0, b - means.1);
         product += a * b;
         squares.0 += a * a;
         squares.1 += b * b;
     }
-    let scale = (squares.0 * squares.1).sqrt();
+    let scale = f64::sqrt(squares.0 * squares.1);
     (scale > 0.0).then(|| product / scale)
 }
 

@@ -157,6 +157,8 @@ fn json_of_commands_validates() {
     check("estimate", &format!("estimate {few} --patch 8"));
     check("estimate", &format!("estimate {few} --patch 8 --measurements measured/measurements.npy"));
     check("study", &format!("study grid {few} --objects beads:0.05 --lenslets 1,2 --patch 32 --out study"));
+    let few = "--lenslets 9 --decoders linear --test 2 --information 1s";
+    check("decoder-study", &format!("study decoders {few} --out decoders"));
 }
 
 #[test]

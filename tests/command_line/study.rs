@@ -302,3 +302,21 @@ fn settings_that_cannot_be_computed_are_refused() {
     bench.write("file", "x");
     assert!(bench.refused("study grid --estimator gaussian --out file").contains("found a file"));
 }
+
+/// A study of decoders is resumed, and its files hold information beside image quality.
+#[test]
+fn information_and_decoders_stand_side_by_side() {
+    let bench = Bench::new();
+    let line = "study decoders --lenslets 9 --decoders linear,posterior --test 3 --information 1s --out a";
+    let record = bench.json(line);
+    assert_eq!(cells(&record).len(), 3);
+    assert!(cells(&record)[0]["information"]["lower"].as_f64().unwrap() > 0.2, "{record}");
+    assert!(cells(&record)[2]["quality"]["psnr_db"].as_f64().unwrap() > 27.0, "{record}");
+    // Nothing is computed again, so the seconds are the same.
+    assert_eq!(bench.json(line), record);
+    for file in ["a/decoders.md", "a/decoders.csv", "a/decoders.svg"] {
+        assert!(!written(&bench, file).is_empty(), "{file}");
+    }
+    let refused = bench.refused(&line.replace("--test 3", "--test 4"));
+    assert!(refused.contains("expected a study with test 4, found one with 3"), "{refused}");
+}
