@@ -59,6 +59,8 @@ pub enum SeedStream {
     ReconstructionNoise,
     /// Objects and noise that a prior or its uncertainty is computed from.
     ReconstructionPrior,
+    /// Weights, objects and noise of a network that reconstructs.
+    ReconstructionNetwork,
     /// One batch of objects, by the index of its first one.
     Batch {
         /// Index of the first object.
@@ -128,6 +130,7 @@ impl SeedStream {
             Self::ReconstructionObjects => 11,
             Self::ReconstructionNoise => 12,
             Self::ReconstructionPrior => 13,
+            Self::ReconstructionNetwork => 14,
             Self::Batch { first: index } | Self::Block { index } => index as u64,
             Self::TrainingProblem { number } => number,
             Self::BatchNoise => u64::MAX,

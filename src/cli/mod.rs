@@ -14,6 +14,7 @@ mod optimize;
 mod optimize_runs;
 mod output;
 mod reconstruct;
+mod reconstruct_network;
 mod reproduce;
 #[cfg(test)]
 mod schemas;

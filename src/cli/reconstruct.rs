@@ -14,12 +14,14 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use super::reconstruct_network::{NetworkArgs, NetworkResult, Networks};
 use crate::forward::{ForwardModel, notices_of};
 use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
+    Evaluated, ImagingModel, NetworkDecoder, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
+    TrainedNetwork,
 };
 use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -43,6 +45,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     capture: CaptureArgs,
+
+    #[command(flatten)]
+    network: NetworkArgs,
 
     /// Decoder [default: linear; of a capture tv].
     #[arg(long, value_enum)]
@@ -106,6 +111,8 @@ struct TestResult {
     noise: String,
     #[serde(flatten)]
     quality: DecoderQuality,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    trained: Vec<NetworkResult>,
     notices: Vec<String>,
     files: Vec<String>,
 }
@@ -157,19 +164,35 @@ impl Arguments {
         if let Some(out) = &self.out {
             check_folder(out)?;
             self.design.check_inputs_stay(&[out.join(RECONSTRUCTIONS_FILE)], &design)?;
+            check_inputs_stay(&self.network.inputs(), &[out.join(RECONSTRUCTIONS_FILE)], ("--out", None))?;
         }
+        let kind = self.decoder.unwrap_or_default();
+        self.network.check(kind)?;
         let forward = ForwardModel::open(&design).map_err(|error| about_objects(&design, error.into()))?;
         if let Some(understood) = forward.set.understood() {
             output::report(format_args!("{}: {understood}", design.objects));
         }
-        let kind = self.decoder.unwrap_or_default();
         let scene = DecoderScene::new(&forward, self.protocol)?;
         let psf = forward.psf(&design)?;
         let model = scene.model(psf.view())?;
+        let trained = match kind {
+            DecoderKind::Network => Some(self.network.networks((&scene, &model), (design.seed, self.out.as_deref()))?),
+            _ => None,
+        };
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");
         let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
-        let decoder = self.decoder_of_kind(kind, prior, design.seed)?;
+        let decoders: Vec<Box<dyn Decoder>> = match (&trained, prior) {
+            (Some(Networks { networks, .. }), Some(prior)) => {
+                let prior = Arc::new(prior);
+                let decoder = |network: &Arc<TrainedNetwork>| {
+                    let decoder = NetworkDecoder::new(network.clone(), &scene, prior.clone())?;
+                    Ok::<_, ReconstructionError>(Box::new(decoder) as Box<dyn Decoder>)
+                };
+                networks.iter().map(decoder).collect::<Result<_, _>>()?
+            }
+            (_, prior) => vec![self.decoder_of_kind(kind, prior, design.seed)?],
+        };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
         let mut writer = self.out.as_ref().map(|out| ReconstructionWriter::create(out, &shape)).transpose()?;
@@ -188,10 +211,23 @@ impl Arguments {
         };
         let test = DecoderTest { objects: self.test, seed: design.seed };
         let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
-        let quality = test.run::<TestError>(&*decoder, &scene, &model, &mut on_progress, &mut write)?;
+        let mut all = Vec::new();
+        for (index, decoder) in decoders.iter().enumerate() {
+            // The files hold what the first network makes.
+            let mut receive = |part: &Evaluated<'_>| if index == 0 { write(part) } else { Ok(()) };
+            all.push(test.run::<TestError>(&**decoder, &scene, &model, &mut on_progress, &mut receive)?);
+        }
+        let quality = match &trained {
+            Some(_) => DecoderQuality::over_networks(&all)?,
+            None => all.pop(),
+        };
+        let quality = quality.ok_or_else(|| anyhow::anyhow!("no decoder was tested"))?;
         progress_line.finish();
-        let files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
+        let mut files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
+        files.extend(trained.iter().flat_map(|trained| trained.files.clone()));
+        let networks = trained.iter().flat_map(|trained| &trained.networks);
         let result = TestResult {
+            trained: networks.map(|network| NetworkResult::from(&**network)).collect(),
             encoder: design.encoder.describe(),
             objects: design.objects.to_string(),
             objects_fingerprint: scene.set.fingerprint(),
@@ -228,6 +264,9 @@ impl Arguments {
         // The flag is required with --measurement.
         let psf = self.capture.psf.clone().unwrap_or_default();
         let kind = self.decoder.unwrap_or(DecoderKind::TotalVariation);
+        if kind == DecoderKind::Network {
+            return Err(anyhow::anyhow!("--decoder network: expected a design, found a capture; choose tv").into());
+        }
         let decoder = kind.decoder(None)?;
         let files = CaptureFiles { measurement, psf, dark: self.capture.dark.clone(), bin: self.capture.bin };
         if let Some(out) = &self.out {

@@ -84,6 +84,14 @@ impl Parts {
         Self { train: order.len() - test, order }
     }
 
+    /// The training part in two halves of at least two images, all for training.
+    pub(super) fn halves_of_training(&self) -> Option<[Self; 2]> {
+        let train = self.members(Split::Train);
+        let (first, second) = train.split_at(train.len() / 2);
+        let half = |members: &[u32]| Self { train: members.len(), order: members.to_vec() };
+        (first.len() > 1).then(|| [half(first), half(second)])
+    }
+
     /// Training images that do not validate.
     fn fitted(&self) -> usize {
         self.train - self.train.div_ceil(10).min(self.train.saturating_sub(1))
@@ -126,6 +134,12 @@ mod tests {
             let both = [parts.members(Split::Fit), parts.members(Split::Validation)].concat();
             assert_eq!(both, parts.members(Split::Train));
         }
+        assert!(Parts::new(4).halves_of_training().is_none());
+        let parts = Parts::new(11);
+        let [first, second] = parts.halves_of_training().unwrap();
+        assert_eq!([first.members(Split::Train).len(), second.members(Split::Train).len()], [4, 5]);
+        assert_eq!([first.members(Split::Train), second.members(Split::Train)].concat(), parts.members(Split::Train));
+        assert!(first.members(Split::Test).is_empty() && second.members(Split::Test).is_empty());
         let parts = Parts::new(1000);
         assert!(!parts.members(Split::Test).is_sorted(), "the images are not shuffled");
     }

@@ -160,13 +160,16 @@ pub enum DecoderKind {
     #[serde(rename = "tv")]
     #[cfg_attr(feature = "cli", value(name = "tv"))]
     TotalVariation,
+    /// Trained network on top of the linear estimate.
+    Network,
     /// Richardson-Lucy iterations until the residual is that of the noise; needs no objects.
     RichardsonLucy,
 }
 
 impl DecoderKind {
     /// All decoders, in the order of the menu.
-    pub const ALL: [Self; 4] = [Self::Linear, Self::Posterior, Self::TotalVariation, Self::RichardsonLucy];
+    pub const ALL: [Self; 5] =
+        [Self::Linear, Self::Posterior, Self::TotalVariation, Self::Network, Self::RichardsonLucy];
 
     /// Name in the window and in results.
     pub fn name(self) -> &'static str {
@@ -174,13 +177,15 @@ impl DecoderKind {
             Self::Linear => "Linear MMSE",
             Self::Posterior => "Posterior mean",
             Self::TotalVariation => "Total variation",
+            Self::Network => "Trained network",
             Self::RichardsonLucy => "Richardson-Lucy",
         }
     }
 
     /// What it needs.
     pub fn needs(self) -> DecoderNeeds {
-        DecoderNeeds { objects: matches!(self, Self::Linear | Self::Posterior), training: false }
+        let objects = matches!(self, Self::Linear | Self::Posterior | Self::Network);
+        DecoderNeeds { objects, training: self == Self::Network }
     }
 }
 

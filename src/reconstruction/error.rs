@@ -67,6 +67,23 @@ pub enum ReconstructionError {
     /// The program has no weights of the trained decoder.
     #[error("Posterior mean: expected the weights of the trained decoder in the program, found none; choose linear")]
     NoWeights,
+    /// The decoder needs a trained network.
+    #[error("{decoder}: expected trained weights, found none; train it for the objects, or choose linear")]
+    NoNetwork {
+        /// The decoder.
+        decoder: &'static str,
+    },
+    /// The network was trained for another mask.
+    #[error("network: expected the mask that it was trained for, found another; train it for this one, or for any mask")]
+    OtherMask,
+    /// The network was trained for other objects.
+    #[error("network: expected the scene that it was trained for ({expected}), found another ({found}); train it for this one")]
+    OtherScene {
+        /// The objects of the training.
+        expected: String,
+        /// The objects found.
+        found: String,
+    },
     /// The measurement is smaller than the point spread function.
     #[error(
         "measurement of {rows} x {cols} px: expected at least the {psf_rows} x {psf_cols} px of the PSF; \

@@ -11,6 +11,7 @@ mod error;
 mod fourier;
 mod linear;
 mod model;
+mod network;
 mod one_by_one;
 mod posterior_mean;
 mod protocol;
@@ -24,6 +25,9 @@ pub use decoder::{Decoder, DecoderKind, DecoderNeeds, ObjectEstimates, PreparedD
 pub use error::ReconstructionError;
 pub use linear::{Light, LinearMmse, Prior};
 pub use model::ImagingModel;
+pub use network::{
+    NetworkDecoder, NetworkMask, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep,
+};
 pub use posterior_mean::PosteriorMean;
 pub use protocol::{DecoderQuality, DecoderScene, DecoderTest, Evaluated, TestObjects};
 pub use quality::{ImageQuality, psnr_db};

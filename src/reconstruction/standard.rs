@@ -14,7 +14,7 @@ impl DecoderKind {
     ///
     /// # Errors
     /// [`ReconstructionError::NoPrior`] where it needs one and there is none; [`ReconstructionError::NoBeads`] for the posterior mean of
-    /// other objects.
+    /// other objects; [`ReconstructionError::NoNetwork`] where it needs training: see [`NetworkDecoder`](super::NetworkDecoder).
     pub fn decoder(self, prior: Option<Arc<Prior>>) -> Result<Box<dyn Decoder>, ReconstructionError> {
         Ok(match self {
             Self::Linear => {
@@ -25,6 +25,7 @@ impl DecoderKind {
                 let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
                 Box::new(PosteriorMean::new(&prior, None)?)
             }
+            Self::Network => return Err(ReconstructionError::NoNetwork { decoder: self.name() }),
             Self::TotalVariation => Box::new(TotalVariation::default()),
             Self::RichardsonLucy => Box::new(RichardsonLucy::default()),
         })

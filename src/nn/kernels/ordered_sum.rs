@@ -21,13 +21,14 @@ pub fn ordered_sum(parts: &[&[f32]], total: &mut [f32]) {
         let Some((first, others)) = parts.split_first() else { return total.fill(0.0) };
         total.copy_from_slice(&first[stretch.clone()]);
         for part in others {
-            add(total, &part[stretch.clone()]);
+            add_assign(total, &part[stretch.clone()]);
         }
     });
 }
 
 vectorised! {
-    fn add<'a>(total: &'a mut [f32], part: &'a [f32]) {
+    /// `total += part`.
+    pub fn add_assign<'a>(total: &'a mut [f32], part: &'a [f32]) {
         for (sum, value) in total.iter_mut().zip(part) {
             *sum += value;
         }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::scale::DataScale;
 use crate::information::error::InformationError;
-use crate::nn::{Initial, Layer, ParameterLayout, Taps, Winograd};
+use crate::nn::{Initial, Layer, ParameterLayout, TapRows, Taps, Winograd};
 use crate::plural::counted;
 
 /// Size of a `PixelCNN`. [`PixelCnnShape::default`] is the published one.
@@ -105,7 +105,7 @@ impl PixelCnnShape {
         for (index, &dilation) in self.dilations.iter().enumerate() {
             blocks.push(Block {
                 horizontal_taps: Taps::new([(0, -(dilation as isize)), (0, 0)]),
-                tiled: Winograd { dilation, inputs: channels, outputs: wide },
+                tiled: Winograd { rows: TapRows::AboveAndOwn, dilation, inputs: channels, outputs: wide },
                 vertical: layer(&format!("block{index}.vertical"), (6, 9), channels, wide),
                 horizontal: layer(&format!("block{index}.horizontal"), (2, 3), channels, wide),
                 link: layer(&format!("block{index}.link"), (1, 1), wide, wide),

@@ -1,0 +1,177 @@
+//! Networks of `reconstruct --decoder network`: trained for the design, or read from files.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context;
+use clap::Args;
+use serde::Serialize;
+
+use super::choices::{BudgetChoice, check_count};
+use super::failure::Failure;
+use super::output::{self, ProgressLine};
+use crate::formats::{read_bytes, write_safely};
+use crate::progress::CancelToken;
+use crate::reconstruction::{
+    DecoderKind, DecoderScene, ImagingModel, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint,
+    TrainingStep,
+};
+
+/// Most networks.
+const MOST_NETWORKS: usize = 100;
+/// Most steps of a training.
+const MOST_STEPS: usize = 100_000_000;
+/// Largest file of weights, bytes.
+const LARGEST_WEIGHTS: u64 = 1 << 28;
+/// Budget where none is given, seconds.
+const BUDGET_SECONDS: f64 = 60.0;
+/// Parts of the budget that the progress line counts.
+const PARTS: f64 = 1000.0;
+
+/// Arguments of trained networks.
+#[derive(Args, Debug)]
+#[command(next_help_heading = "Trained network")]
+pub struct NetworkArgs {
+    /// Time of training of each network [default: 60s].
+    #[arg(long, value_name = "TIME", conflicts_with_all = ["steps", "measurement"])]
+    budget: Option<BudgetChoice>,
+
+    /// Training steps of each network, in place of a time: equal seeds give equal weights.
+    #[arg(long, conflicts_with = "measurement")]
+    steps: Option<usize>,
+
+    /// Networks, each from its own seed; the result is their mean.
+    #[arg(long, default_value_t = 1, conflicts_with = "measurement")]
+    networks: usize,
+
+    /// Train for any lenslet mask on this grid, and not for this mask alone.
+    #[arg(long, conflicts_with = "measurement")]
+    any_mask: bool,
+
+    /// Weights of an earlier run. With --budget or --steps training begins there, otherwise they are tested as they are.
+    #[arg(long, value_name = "FILE", conflicts_with = "measurement")]
+    weights: Option<PathBuf>,
+}
+
+/// Training of one network, for the result.
+#[derive(Serialize)]
+pub struct NetworkResult {
+    seed: u64,
+    steps: usize,
+    training_seconds: f64,
+    validation_psnr_db: f64,
+    validation_linear_psnr_db: f64,
+    /// No weights were better than the linear estimate, which is therefore kept.
+    keeps_linear: bool,
+    curve: Vec<TrainingPoint>,
+}
+
+impl From<&TrainedNetwork> for NetworkResult {
+    fn from(network: &TrainedNetwork) -> Self {
+        Self {
+            seed: network.seed,
+            steps: network.steps,
+            training_seconds: network.seconds,
+            validation_psnr_db: network.psnr_db,
+            validation_linear_psnr_db: network.linear_psnr_db,
+            keeps_linear: network.is_linear(),
+            curve: network.curve.clone(),
+        }
+    }
+}
+
+impl NetworkArgs {
+    /// Refuses numbers out of range, and arguments that the decoder does not have.
+    pub fn check(&self, decoder: DecoderKind) -> anyhow::Result<()> {
+        let given = [
+            ("--budget", self.budget.is_some()),
+            ("--steps", self.steps.is_some()),
+            ("--networks", self.networks != 1),
+            ("--any-mask", self.any_mask),
+            ("--weights", self.weights.is_some()),
+        ];
+        if let (Some((name, _)), true) = (given.iter().find(|(_, given)| *given), decoder != DecoderKind::Network) {
+            anyhow::bail!("{name}: expected --decoder network, found {decoder}; choose that decoder or leave {name} out");
+        }
+        check_count("--networks", self.networks, 1..=MOST_NETWORKS)?;
+        self.steps.map_or(Ok(()), |steps| check_count("--steps", steps, 1..=MOST_STEPS))
+    }
+
+    /// Files that are read.
+    pub fn inputs(&self) -> Vec<PathBuf> {
+        self.weights.iter().cloned().collect()
+    }
+
+    /// The networks, trained or read. Trained ones are written into `out` as soon as they are.
+    pub fn networks(
+        &self,
+        (scene, model): (&DecoderScene, &ImagingModel),
+        (seed, out): (u64, Option<&Path>),
+    ) -> Result<Networks, Failure> {
+        let start = self.weights.as_deref().map(|path| read(path, scene)).transpose()?;
+        let budget = match (self.budget, self.steps) {
+            (_, Some(steps)) => Some(TrainingBudget::Steps(steps)),
+            (Some(BudgetChoice(budget)), None) => Some(TrainingBudget::Seconds(budget.as_secs_f64())),
+            (None, None) => None,
+        };
+        if let (Some(start), None) = (&start, budget) {
+            return Ok(Networks { networks: vec![Arc::new(start.clone())], files: Vec::new() });
+        }
+        let budget = budget.unwrap_or(TrainingBudget::Seconds(BUDGET_SECONDS));
+        let masks = match self.any_mask {
+            true => TrainingMasks::Any { psf: model.psf().dim() },
+            false => TrainingMasks::One(model.clone()),
+        };
+        let mut result = Networks { networks: Vec::new(), files: Vec::new() };
+        for index in 0..self.networks {
+            let training = NetworkTraining { budget, seed: seed.wrapping_add(index as u64) };
+            let line = ProgressLine::new();
+            line.show(0, PARTS as usize, "Learning the prior");
+            let mut show = |step: &TrainingStep| {
+                line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
+                ControlFlow::Continue(())
+            };
+            let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
+            line.finish();
+            output::report(format_args!("Network {}: {}", index + 1, summary(&network)));
+            if let Some(out) = out {
+                let path = out.join(format!("network-{}.safetensors", index + 1));
+                let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
+                write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
+                result.files.push(path);
+            }
+            result.networks.push(Arc::new(network));
+        }
+        Ok(result)
+    }
+}
+
+/// Networks and the files that they were written to.
+pub struct Networks {
+    /// The networks.
+    pub networks: Vec<Arc<TrainedNetwork>>,
+    /// One file each, where there is a folder.
+    pub files: Vec<PathBuf>,
+}
+
+fn read(path: &Path, scene: &DecoderScene) -> anyhow::Result<TrainedNetwork> {
+    let about = || format!("--weights {}", path.display());
+    let network = TrainedNetwork::from_bytes(&read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
+    network.start_of(scene).with_context(about)?;
+    Ok(network)
+}
+
+fn text_of(step: &TrainingStep, (number, of): (usize, usize)) -> String {
+    let name = if of == 1 { "Training".to_owned() } else { format!("Training network {number} of {of}") };
+    let validated = step.validation.map_or(String::new(), |point| format!("{:.2} dB, ", point.psnr_db));
+    format!("{name}: {validated}linear {:.2} dB, {:.1} steps/s", step.linear_psnr_db, step.steps_per_second)
+}
+
+fn summary(network: &TrainedNetwork) -> String {
+    let TrainedNetwork { steps, seconds, psnr_db, linear_psnr_db, .. } = network;
+    let kept = if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
+    format!(
+        "{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB, linear estimate {linear_psnr_db:.2} dB{kept}"
+    )
+}

@@ -1,0 +1,15 @@
+//! Trained network on top of the linear estimate: a residual U-net that corrects what a linear estimate cannot know.
+
+mod batches;
+mod decoder;
+mod features;
+mod layers;
+mod masks;
+mod quality;
+mod trained;
+mod training;
+mod unet;
+
+pub use decoder::NetworkDecoder;
+pub use trained::{NetworkMask, TrainedNetwork};
+pub use training::{NetworkTraining, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep};

@@ -1,0 +1,435 @@
+//! Training of the network: fresh objects and noise in every step, validation on images that take no part in it.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::batches::{BATCH, Batches, Sample, samples};
+use super::features::{CHANNELS, Features, deviation_of, padded};
+use super::layers::Layers;
+use super::masks::random_psf;
+use super::trained::{NetworkMask, TrainedNetwork};
+use super::unet::{Activations, Ready};
+use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
+use crate::objects::Split;
+use crate::progress::{CancelToken, Progress};
+use crate::reconstruction::error::ReconstructionError;
+use crate::reconstruction::linear::Prior;
+use crate::reconstruction::model::ImagingModel;
+use crate::reconstruction::protocol::DecoderScene;
+use crate::reconstruction::quality::psnr_db;
+use crate::seeds::SeedStream;
+
+/// Rate of the kernels that Muon updates.
+const RATE: f32 = 6e-3;
+/// Factor of the mean squared error whose gradient is clipped.
+const LOSS_FACTOR: f32 = 30.0;
+/// Largest norm of the gradient.
+const CLIP: f32 = 1.0;
+/// Share of a loss in the recent loss.
+const RECENT: f64 = 0.02;
+/// Steps before the recent loss tells whether training diverges.
+const STEPS_BEFORE_CHECK: usize = 50;
+/// Recent loss relative to that of the linear estimate that counts as divergence.
+const DIVERGED: f64 = 1.05;
+/// Steps between validations.
+const STEPS_PER_VALIDATION: usize = 100;
+/// Validation objects of one mask, and of each of several.
+const VALIDATION_OBJECTS: usize = 64;
+const VALIDATION_OBJECTS_PER_MASK: usize = 16;
+/// Masks that a network for any mask is validated on.
+const VALIDATION_MASKS: usize = 4;
+
+/// Masks that a network is trained for.
+#[derive(Clone, Debug)]
+pub enum TrainingMasks {
+    /// One mask.
+    One(ImagingModel),
+    /// Any mask: random lenslets on a grid.
+    Any {
+        /// Rows and columns of the point spread functions, px.
+        psf: (usize, usize),
+    },
+}
+
+/// When training ends.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TrainingBudget {
+    /// After this time of work, seconds. Results depend on the speed of the machine.
+    Seconds(f64),
+    /// After this number of steps. Equal seeds give equal weights.
+    Steps(usize),
+}
+
+/// One validation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainingPoint {
+    /// Steps so far.
+    pub steps: usize,
+    /// Seconds of work so far.
+    pub seconds: f64,
+    /// PSNR on the validation objects, dB.
+    pub psnr_db: f64,
+}
+
+/// Progress of training, reported after each step.
+#[derive(Clone, Debug)]
+pub struct TrainingStep {
+    /// Steps so far.
+    pub steps: usize,
+    /// Share of the budget, 0 to 1.
+    pub done: f64,
+    /// Seconds of work so far.
+    pub seconds: f64,
+    /// Steps in a second of work.
+    pub steps_per_second: f64,
+    /// Mean squared error of recent training objects, in units of the squared peak.
+    pub loss: f64,
+    /// That of the linear estimate of the same objects.
+    pub linear_loss: f64,
+    /// PSNR of the linear estimate on the validation objects, dB.
+    pub linear_psnr_db: f64,
+    /// The latest validation.
+    pub validation: Option<TrainingPoint>,
+    /// How often training diverged and went on from averaged weights at half the rate.
+    pub restarts: usize,
+}
+
+/// Training of a network on top of the linear estimate.
+///
+/// The network is a residual U-net of 664 k weights. It sees the linear estimate, its standard deviation, the mean object, the
+/// back-projected residual and the coverage, and adds to the linear estimate. A tenth of the training images takes no part and decides
+/// which weights are kept; where none are better than the linear estimate, that is kept. Where images are few, the prior is learned from
+/// one half of them and the network from the other, and the reverse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NetworkTraining {
+    /// When training ends.
+    pub budget: TrainingBudget,
+    /// Seed of weights, objects and noise.
+    pub seed: u64,
+}
+
+impl NetworkTraining {
+    /// Trains a network for the objects of a scene, from the weights of `start` where there are any.
+    ///
+    /// `progress` hears of each step. It pauses training as long as it does not return; that time is no work.
+    ///
+    /// # Errors
+    /// [`ReconstructionError`] where there are too few images, where mask and field do not fit, and where `start` is of other objects;
+    /// [`ReconstructionError::Cancelled`] within 0.1 s of preparation or of a step.
+    pub fn train(
+        &self,
+        scene: &DecoderScene,
+        masks: &TrainingMasks,
+        start: Option<&TrainedNetwork>,
+        cancel: &CancelToken,
+        progress: &mut dyn Progress<TrainingStep>,
+    ) -> Result<TrainedNetwork, ReconstructionError> {
+        let mask = match masks {
+            TrainingMasks::One(model) => NetworkMask::of(model),
+            TrainingMasks::Any { psf } => NetworkMask::Any { psf: *psf },
+        };
+        let seed = SeedStream::ReconstructionNetwork.derive(self.seed);
+        let deviation = match start {
+            Some(start) => start.start_of(scene)?.deviation,
+            None => deviation_of(&scene.set)?,
+        };
+        let training = (*scene.set).clone().of_training();
+        let mut batches = Batches::new((scene, &training), masks, (deviation, seed), cancel)?;
+        let validation = Validation::new((scene, &training), masks, (deviation, seed), cancel)?;
+        let layers = Layers::new(CHANNELS);
+        let weights = match start {
+            Some(start) => start.weights.clone(),
+            None => layers.layout.draw(seed),
+        };
+        let mut run = Run::new(&layers, scene, weights);
+        let mut best = Best::new(&validation, &run);
+        let mut curve = Vec::new();
+        let mut done = 0.0;
+        while done < 1.0 {
+            let started = Instant::now();
+            let batch = batches.next(cancel)?;
+            run.step(&batch, done);
+            done = match self.budget {
+                TrainingBudget::Seconds(budget) => (run.seconds + started.elapsed().as_secs_f64()) / budget.max(1e-3),
+                TrainingBudget::Steps(steps) => run.steps as f64 / steps.max(1) as f64,
+            };
+            if run.steps.is_multiple_of(STEPS_PER_VALIDATION) || done >= 1.0 {
+                let psnr_db = best.validate(&validation, &run);
+                let seconds = run.seconds + started.elapsed().as_secs_f64();
+                curve.push(TrainingPoint { steps: run.steps, seconds, psnr_db });
+            }
+            run.seconds += started.elapsed().as_secs_f64();
+            let step = TrainingStep {
+                steps: run.steps,
+                done: done.min(1.0),
+                seconds: run.seconds,
+                steps_per_second: run.steps as f64 / run.seconds.max(1e-9),
+                loss: run.recent.map_or(0.0, |recent| recent.loss),
+                linear_loss: run.recent.map_or(0.0, |recent| recent.linear),
+                linear_psnr_db: validation.linear_psnr_db,
+                validation: curve.last().copied(),
+                restarts: run.restarts,
+            };
+            if progress.report(&step).is_break() || cancel.is_cancelled() {
+                return Err(ReconstructionError::Cancelled);
+            }
+        }
+        Ok(TrainedNetwork {
+            set: scene.set.describe(),
+            scene: TrainedNetwork::scene_key(scene),
+            field: scene.set.field(),
+            mask,
+            deviation,
+            weights: best.weights,
+            seed: self.seed,
+            steps: run.steps,
+            seconds: run.seconds,
+            psnr_db: best.psnr_db,
+            linear_psnr_db: validation.linear_psnr_db,
+            curve,
+        })
+    }
+}
+
+/// Recent mean squared errors, in units of the squared peak.
+#[derive(Clone, Copy)]
+struct Recent {
+    loss: f64,
+    linear: f64,
+    steps: usize,
+}
+
+/// Weights on their way.
+struct Run<'a> {
+    layers: &'a Layers,
+    weights: Vec<f32>,
+    optimizer: Optimizer,
+    field: (usize, usize),
+    peak: f64,
+    /// Images and gradient of each object of a batch.
+    memory: Vec<(Activations, Vec<f32>)>,
+    gradient: Vec<f32>,
+    rate: f32,
+    steps: usize,
+    seconds: f64,
+    restarts: usize,
+    recent: Option<Recent>,
+}
+
+/// Squared errors of an object, sums over its pixels, photons squared.
+struct Errors {
+    network: f64,
+    linear: f64,
+}
+
+impl<'a> Run<'a> {
+    fn new(layers: &'a Layers, scene: &DecoderScene, weights: Vec<f32>) -> Self {
+        let field = scene.set.field();
+        let memory = || (Activations::new(layers, padded(field)), vec![0.0; weights.len()]);
+        Self {
+            optimizer: optimizer(layers, &weights),
+            field,
+            peak: scene.set.peak(),
+            memory: (0..BATCH).map(|_| memory()).collect(),
+            gradient: vec![0.0; weights.len()],
+            rate: RATE,
+            steps: 0,
+            seconds: 0.0,
+            restarts: 0,
+            recent: None,
+            layers,
+            weights,
+        }
+    }
+
+    /// The averaged weights.
+    fn averaged(&self) -> &[f32] {
+        self.optimizer.result(&self.weights)
+    }
+
+    /// One step after a share `done` of the budget.
+    fn step(&mut self, batch: &[Sample], done: f64) {
+        let ready = Ready::new(self.layers, &self.weights);
+        let (field, count) = (self.field, (batch.len() * self.field.0 * self.field.1) as f32);
+        let pairs = batch.par_iter().zip(self.memory.par_iter_mut()).with_max_len(1);
+        let errors: Vec<Errors> = pairs
+            .map(|(sample, (memory, gradient))| {
+                ready.forward(&sample.example.image, memory);
+                let mut by_result = std::mem::take(&mut memory.result);
+                let errors = errors_of(sample, field, padded(field).1, &mut by_result, LOSS_FACTOR / count);
+                ready.backward(&by_result, gradient, memory);
+                memory.result = by_result;
+                errors
+            })
+            .collect();
+        drop(ready);
+        let parts: Vec<&[f32]> = self.memory.iter().map(|(_, gradient)| gradient.as_slice()).collect();
+        ordered_sum(&parts, &mut self.gradient);
+        let square: f64 = self.gradient.iter().map(|&value| f64::from(value).powi(2)).sum();
+        let scale = CLIP / (square.sqrt() as f32).max(CLIP);
+        let scaled = f64::from(count) * self.peak * self.peak;
+        let sum = |error: fn(&Errors) -> f64| errors.iter().map(error).sum::<f64>() / scaled;
+        self.steps += 1;
+        let has_diverged = !square.is_finite() || self.note(sum(|error| error.network), sum(|error| error.linear));
+        if has_diverged {
+            self.restart();
+            return;
+        }
+        let rate = self.rate * cosine_factor(done) as f32;
+        self.optimizer.step(&mut self.weights, &self.gradient, scale, rate);
+    }
+
+    /// Adds the losses of a step to the recent ones; whether training diverges.
+    fn note(&mut self, loss: f64, linear: f64) -> bool {
+        let recent = match self.recent {
+            None => Recent { loss, linear, steps: 1 },
+            Some(recent) => Recent {
+                loss: recent.loss + RECENT * (loss - recent.loss),
+                linear: recent.linear + RECENT * (linear - recent.linear),
+                steps: recent.steps + 1,
+            },
+        };
+        self.recent = Some(recent);
+        recent.steps > STEPS_BEFORE_CHECK && recent.loss > DIVERGED * recent.linear
+    }
+
+    /// Goes on from the averaged weights at half the rate; from new ones where these are not finite.
+    fn restart(&mut self) {
+        self.restarts += 1;
+        self.rate *= 0.5;
+        self.recent = None;
+        let averaged = self.averaged().to_vec();
+        self.weights = match averaged.iter().all(|weight| weight.is_finite()) {
+            true => averaged,
+            false => self.layers.layout.draw(self.restarts as u64),
+        };
+        self.optimizer = optimizer(self.layers, &self.weights);
+    }
+}
+
+fn optimizer(layers: &Layers, weights: &[f32]) -> Optimizer {
+    Optimizer::new(&layers.layout, weights, Averaging::LAST_TENTH, Layers::rule)
+}
+
+/// Squared errors of a result of the network; turns the result into the gradient of `factor` times their sum, in squared units of the
+/// network.
+fn errors_of(
+    Sample { example, truth, unit }: &Sample,
+    (rows, cols): (usize, usize),
+    padded_cols: usize,
+    result: &mut [f32],
+    factor: f32,
+) -> Errors {
+    let mut errors = Errors { network: 0.0, linear: 0.0 };
+    for (row, line) in result.chunks_exact_mut(padded_cols).enumerate() {
+        let within = if row < rows { cols } else { 0 };
+        let (inside, outside) = line.split_at_mut(within);
+        outside.fill(0.0);
+        let (mut network, mut linear_sum) = (0.0, 0.0);
+        for (col, value) in inside.iter_mut().enumerate() {
+            let at = row * cols + col;
+            let missing = truth[at] - example.linear[at];
+            let error = *value - missing / unit;
+            network += error * error;
+            linear_sum += missing * missing;
+            *value = 2.0 * factor * error;
+        }
+        errors.network += f64::from(network) * f64::from(*unit).powi(2);
+        errors.linear += f64::from(linear_sum);
+    }
+    errors
+}
+
+/// Objects that take no part in training, measured and estimated once.
+struct Validation {
+    samples: Vec<Sample>,
+    peak: f32,
+    field: (usize, usize),
+    linear_psnr_db: f64,
+}
+
+impl Validation {
+    fn new(
+        (scene, training): (&DecoderScene, &crate::objects::ObjectSet),
+        masks: &TrainingMasks,
+        (deviation, seed): (f64, u64),
+        cancel: &CancelToken,
+    ) -> Result<Self, ReconstructionError> {
+        use rand::SeedableRng;
+        let prior = Arc::new(Prior::learn(training, scene.light, cancel)?);
+        let seed = SeedStream::Block { index: 1 }.derive(seed);
+        let models = match masks {
+            TrainingMasks::One(model) => vec![model.clone()],
+            TrainingMasks::Any { psf } => {
+                let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+                let model = |_| scene.model(random_psf(*psf, &mut random)?.view());
+                (0..VALIDATION_MASKS).map(model).collect::<Result<_, _>>()?
+            }
+        };
+        let count = if models.len() == 1 { VALIDATION_OBJECTS } else { VALIDATION_OBJECTS_PER_MASK };
+        let mut all = Vec::new();
+        for (index, model) in models.iter().enumerate() {
+            let features = Features::new(model, &prior, (deviation, scene.set.mean()), cancel)?;
+            let place = (index * count, count, seed);
+            all.extend(samples(scene, (training, Split::Test), &features, place, cancel)?);
+        }
+        let (field, peak) = (scene.set.field(), scene.set.peak() as f32);
+        let mut validation = Self { samples: all, peak, field, linear_psnr_db: 0.0 };
+        validation.linear_psnr_db = validation.psnr_db(None);
+        Ok(validation)
+    }
+
+    /// PSNR of clipped estimates: of a network, or of the linear estimate.
+    fn psnr_db(&self, network: Option<&Ready<'_>>) -> f64 {
+        let ((rows, cols), peak) = (self.field, self.peak);
+        let padded = padded(self.field);
+        let of_sample = |memory: &mut Option<Activations>, Sample { example, truth, unit }: &Sample| {
+            if let (Some(network), Some(memory)) = (network, memory.as_mut()) {
+                network.forward(&example.image, memory);
+            }
+            let correction = |at: usize| match &memory {
+                Some(memory) => unit * memory.result[at / cols * padded.1 + at % cols],
+                None => 0.0,
+            };
+            let error = |at: usize| {
+                let estimate = ((example.linear[at] + correction(at)) / peak).clamp(0.0, 1.0);
+                f64::from(estimate - truth[at] / peak).powi(2)
+            };
+            (0..rows * cols).map(error).sum::<f64>() / (rows * cols) as f64
+        };
+        let memory = || network.map(|network| network.activations(padded));
+        let errors: Vec<f64> = self.samples.par_iter().map_init(memory, of_sample).collect();
+        psnr_db(errors.iter().sum::<f64>() / errors.len().max(1) as f64)
+    }
+}
+
+/// The best weights so far.
+struct Best {
+    weights: Vec<f32>,
+    psnr_db: f64,
+}
+
+impl Best {
+    fn new(validation: &Validation, run: &Run<'_>) -> Self {
+        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, &run.weights)));
+        if psnr_db >= validation.linear_psnr_db {
+            return Self { weights: run.weights.clone(), psnr_db };
+        }
+        // The weights that training began with are worse than none.
+        Self { weights: vec![0.0; run.weights.len()], psnr_db: validation.linear_psnr_db }
+    }
+
+    /// Keeps the averaged weights where they are better; their PSNR, dB.
+    fn validate(&mut self, validation: &Validation, run: &Run<'_>) -> f64 {
+        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, run.averaged())));
+        if psnr_db > self.psnr_db {
+            self.psnr_db = psnr_db;
+            self.weights.copy_from_slice(run.averaged());
+        }
+        psnr_db
+    }
+}
