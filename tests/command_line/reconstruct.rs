@@ -57,6 +57,31 @@ fn decoders_without_a_prior_know_no_closed_form() {
     }
 }
 
+#[test]
+fn networks_are_trained_tested_and_read_again() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let line = "reconstruct --decoder network --objects idx:images.idx --test 2";
+    let result = bench.json(&format!("{line} --steps 1 --networks 2 --examples 0 --out a"));
+    assert_eq!((&result["decoder"], &result["networks"]), (&"network".into(), &2.into()));
+    let trained = result["trained"].as_array().unwrap();
+    assert!(trained.len() == 2 && trained.iter().all(|network| network["steps"] == 1), "{result}");
+    let weights = bench.path("a/network-2.safetensors");
+    assert!(weights.is_file());
+    let read = bench.json(&format!("{line} --weights a/network-1.safetensors"));
+    assert_eq!((&read["networks"], &read["trained"][0]), (&1.into(), &trained[0]));
+    for (line, message) in [
+        (format!("{line} --mask heuristic:5 --weights a/network-1.safetensors"), "the mask that it was trained for"),
+        (format!("{line} --bias 3 --weights a/network-1.safetensors"), "the scene that it was trained for"),
+        (format!("{line} --weights images.idx"), "not weights of this network"),
+        ("reconstruct --steps 3".to_owned(), "--steps: expected --decoder network"),
+        (format!("{line} --networks 0"), "--networks 0: expected 1 to 100"),
+    ] {
+        let told = bench.refused(&line);
+        assert!(told.contains(message), "{message} in {told}");
+    }
+}
+
 /// A capture of a bright square through a mask of two points, on a dark level of 8.
 fn write_capture(bench: &Bench) {
     let mut psf = vec![8.0; 16 * 16];

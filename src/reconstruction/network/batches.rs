@@ -7,8 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::features::{Example, Features};
-use super::masks::random_psf;
-use super::training::TrainingMasks;
+use super::masks::{TrainingMasks, random_psf};
 use crate::objects::{ObjectSet, Split};
 use crate::progress::CancelToken;
 use crate::reconstruction::error::ReconstructionError;

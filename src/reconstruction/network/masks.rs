@@ -1,4 +1,4 @@
-//! Random masks that a network for any mask is trained with.
+//! Masks that a network is trained for: one, or random ones.
 
 use ndarray::Array3;
 use rand::RngExt;
@@ -8,6 +8,7 @@ use rand_distr::{Distribution, Exp1};
 use crate::forward::{DesignError, ForwardError};
 use crate::optics::{HEURISTIC_SIGMA, Lenslet, LensletArray, render_psf};
 use crate::reconstruction::error::ReconstructionError;
+use crate::reconstruction::model::ImagingModel;
 
 /// Most lenslets.
 const MOST_LENSLETS: usize = 10;
@@ -19,6 +20,18 @@ const DISTANCE_PX: f64 = 4.0;
 const TRIES: usize = 100;
 /// Range of the widths of half of the masks, px; the other half has that of the heuristic layouts.
 const SIGMAS_PX: std::ops::Range<f64> = 0.775..1.6;
+
+/// Masks that a network is trained for.
+#[derive(Clone, Debug)]
+pub enum TrainingMasks {
+    /// One mask.
+    One(ImagingModel),
+    /// Any mask: random lenslets on a grid.
+    Any {
+        /// Rows and columns of the point spread functions, px.
+        psf: (usize, usize),
+    },
+}
 
 /// A random lenslet mask on a grid of (rows, cols), as a point spread function of shape (1, rows, cols).
 ///

@@ -6,10 +6,13 @@ mod features;
 mod layers;
 mod masks;
 mod quality;
+#[cfg(test)]
+mod tests;
 mod trained;
 mod training;
 mod unet;
 
 pub use decoder::NetworkDecoder;
-pub use trained::{NetworkMask, TrainedNetwork};
-pub use training::{NetworkTraining, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep};
+pub use masks::TrainingMasks;
+pub use trained::{NetworkMask, TrainedNetwork, TrainingPoint};
+pub use training::{NetworkTraining, TrainingBudget, TrainingStep};

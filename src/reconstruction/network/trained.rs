@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use super::features::CHANNELS;
 use super::layers::Layers;
-use super::training::TrainingPoint;
 use crate::formats::{content_key, json_of};
 use crate::nn::{NetworkError, WeightsHeader, read_details, read_weights, write_weights};
 use crate::reconstruction::error::ReconstructionError;
@@ -15,6 +14,17 @@ use crate::reconstruction::protocol::DecoderScene;
 const HEADER: WeightsHeader<'static> = WeightsHeader { format: "lenslet-studio/reconstruction-network", version: 1 };
 /// Entry of the header that describes the network.
 const ENTRY: &str = "network";
+
+/// One validation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrainingPoint {
+    /// Steps so far.
+    pub steps: usize,
+    /// Seconds of work so far.
+    pub seconds: f64,
+    /// PSNR on the validation objects, dB.
+    pub psnr_db: f64,
+}
 
 /// Mask that a network was trained for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -9,15 +9,14 @@ use serde::{Deserialize, Serialize};
 use super::batches::{BATCH, Batches, Sample, samples};
 use super::features::{CHANNELS, Features, deviation_of, padded};
 use super::layers::Layers;
-use super::masks::random_psf;
-use super::trained::{NetworkMask, TrainedNetwork};
+use super::masks::{TrainingMasks, random_psf};
+use super::trained::{NetworkMask, TrainedNetwork, TrainingPoint};
 use super::unet::{Activations, Ready};
 use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
 use crate::objects::Split;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
-use crate::reconstruction::model::ImagingModel;
 use crate::reconstruction::protocol::DecoderScene;
 use crate::reconstruction::quality::psnr_db;
 use crate::seeds::SeedStream;
@@ -42,18 +41,6 @@ const VALIDATION_OBJECTS_PER_MASK: usize = 16;
 /// Masks that a network for any mask is validated on.
 const VALIDATION_MASKS: usize = 4;
 
-/// Masks that a network is trained for.
-#[derive(Clone, Debug)]
-pub enum TrainingMasks {
-    /// One mask.
-    One(ImagingModel),
-    /// Any mask: random lenslets on a grid.
-    Any {
-        /// Rows and columns of the point spread functions, px.
-        psf: (usize, usize),
-    },
-}
-
 /// When training ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -62,17 +49,6 @@ pub enum TrainingBudget {
     Seconds(f64),
     /// After this number of steps. Equal seeds give equal weights.
     Steps(usize),
-}
-
-/// One validation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct TrainingPoint {
-    /// Steps so far.
-    pub steps: usize,
-    /// Seconds of work so far.
-    pub seconds: f64,
-    /// PSNR on the validation objects, dB.
-    pub psnr_db: f64,
 }
 
 /// Progress of training, reported after each step.
