@@ -132,12 +132,14 @@ fn what_cannot_be_reconstructed_is_refused() {
     bench.write("broken.npy", npy("(32, 36)", &broken));
     bench.write("white.npy", npy("(32, 36)", &[255.0; 32 * 36]));
     bench.write("one.idx", idx(1, 28, |index| index as u8));
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
     for (line, part) in [
         ("reconstruct --test 1", "--test 1: expected 2 to"),
         ("reconstruct --objects volume:2:0.02", "expected objects of one plane, found 2"),
         ("reconstruct --objects idx:one.idx", "test objects of idx:one.idx"),
         ("reconstruct --objects idx:none.idx", "none.idx"),
-        ("reconstruct --decoder posterior", "posterior"),
+        ("reconstruct --decoder magic", "magic"),
+        ("reconstruct --decoder posterior --objects idx:images.idx", "expected beads"),
         ("reconstruct --measurement capture.npy", "--psf"),
         ("reconstruct --psf psf.npy", "--measurement"),
         ("reconstruct --measurement capture.npy --psf psf.npy --objects beads:0.02", "--objects"),
