@@ -14,8 +14,8 @@ use super::output::{self, ProgressLine};
 use crate::formats::{read_bytes, write_safely};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderKind, DecoderScene, ImagingModel, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint,
-    TrainingStep,
+    DecoderKind, DecoderScene, ImagingModel, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks,
+    TrainingPoint, TrainingStep,
 };
 
 /// Most networks.
@@ -92,7 +92,9 @@ impl NetworkArgs {
             ("--weights", self.weights.is_some()),
         ];
         if let (Some((name, _)), true) = (given.iter().find(|(_, given)| *given), decoder != DecoderKind::Network) {
-            anyhow::bail!("{name}: expected --decoder network, found {decoder}; choose that decoder or leave {name} out");
+            anyhow::bail!(
+                "{name}: expected --decoder network, found {decoder}; choose that decoder or leave {name} out"
+            );
         }
         check_count("--networks", self.networks, 1..=MOST_NETWORKS)?;
         self.steps.map_or(Ok(()), |steps| check_count("--steps", steps, 1..=MOST_STEPS))

@@ -54,6 +54,10 @@ pub(super) struct Decoders {
     #[arg(long, default_value_t = 500)]
     test: usize,
 
+    /// Time of training of a network for one mask.
+    #[arg(long, default_value = "60s")]
+    training: BudgetChoice,
+
     /// Time for the information of one mask, such as 60s or 5m.
     #[arg(long, default_value = "60s")]
     information: BudgetChoice,
@@ -79,6 +83,7 @@ impl Decoders {
             protocol: self.protocol,
             test: self.test,
             sweeps: self.sweeps,
+            training_seconds: self.training.0.as_secs_f64(),
             information_seconds: self.information.0.as_secs_f64(),
             seed: self.seed,
             ..usual

@@ -74,10 +74,14 @@ pub enum ReconstructionError {
         decoder: &'static str,
     },
     /// The network was trained for another mask.
-    #[error("network: expected the mask that it was trained for, found another; train it for this one, or for any mask")]
+    #[error(
+        "network: expected the mask that it was trained for, found another; train it for this one, or for any mask"
+    )]
     OtherMask,
     /// The network was trained for other objects.
-    #[error("network: expected the scene that it was trained for ({expected}), found another ({found}); train it for this one")]
+    #[error(
+        "network: expected the scene that it was trained for ({expected}), found another ({found}); train it for this one"
+    )]
     OtherScene {
         /// The objects of the training.
         expected: String,

@@ -26,7 +26,8 @@ pub use error::ReconstructionError;
 pub use linear::{Light, LinearMmse, Prior};
 pub use model::ImagingModel;
 pub use network::{
-    NetworkDecoder, NetworkMask, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep,
+    NetworkDecoder, NetworkMask, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint,
+    TrainingStep,
 };
 pub use posterior_mean::PosteriorMean;
 pub use protocol::{DecoderQuality, DecoderScene, DecoderTest, Evaluated, TestObjects};

@@ -155,7 +155,8 @@ impl Winograd {
             let (by_seen, by_given) = (part_mut(inputs, point), part(outputs, point));
             let mut write = Write::Replace;
             for RowProduct { row, seen: to, given: from } in self.row_products(count, shift) {
-                let (by_given, by_seen) = (of_tiles(by_given, &from, self.outputs), of_tiles_mut(by_seen, &to, self.inputs));
+                let (by_given, by_seen) =
+                    (of_tiles(by_given, &from, self.outputs), of_tiles_mut(by_seen, &to, self.inputs));
                 let shape = (from.len(), self.outputs, self.inputs);
                 matmul_transposed_rhs(by_given, self.part_of(kernel, point, row), shape, by_seen, write);
                 write = Write::Add;
@@ -230,7 +231,9 @@ mod tests {
             (2, 1, 1, Grid { samples: 1, rows: 1, cols: 1 }),
         ];
         let kinds = [TapRows::AboveAndOwn, TapRows::All];
-        for ((dilation, inputs, outputs, grid), rows) in cases.into_iter().flat_map(|case| kinds.map(|rows| (case, rows))) {
+        for ((dilation, inputs, outputs, grid), rows) in
+            cases.into_iter().flat_map(|case| kinds.map(|rows| (case, rows)))
+        {
             let layer = Winograd { rows, dilation, inputs, outputs };
             let taps = layer.taps().count();
             let (input, bias) = (numbers(grid.pixels() * inputs, 1), numbers(outputs, 3));
@@ -272,7 +275,13 @@ mod tests {
                 assert!((found - expected).abs() < 1e-5 * grid.pixels() as f32, "{layer:?} {found} {expected}");
             }
             let mut back = columns;
-            matmul_transposed_rhs(&by_output, &kernel, (grid.pixels(), outputs, taps * inputs), &mut back, Write::Replace);
+            matmul_transposed_rhs(
+                &by_output,
+                &kernel,
+                (grid.pixels(), outputs, taps * inputs),
+                &mut back,
+                Write::Replace,
+            );
             let mut expected = vec![0.0; input.len()];
             layer.taps().scatter_add(grid, inputs, &back, &mut expected);
             for (found, expected) in by_input.iter().zip(&expected) {

@@ -72,7 +72,13 @@ mod tests {
     use crate::nn::test_numbers::numbers;
 
     /// The convolution by its definition, in f64.
-    fn expected(grid: Grid, (inputs, outputs): (usize, usize), kernel: &[f32], bias: &[f32], input: &[f32]) -> Vec<f64> {
+    fn expected(
+        grid: Grid,
+        (inputs, outputs): (usize, usize),
+        kernel: &[f32],
+        bias: &[f32],
+        input: &[f32],
+    ) -> Vec<f64> {
         let mut out = Vec::new();
         for pixel in 0..grid.pixels() {
             let (row, col) = (pixel / grid.cols % grid.rows, pixel % grid.cols);

@@ -53,9 +53,8 @@ pub(super) fn random_psf(
     let mut lenslets: Vec<Lenslet> = Vec::new();
     for _ in 0..count {
         let mut centre = || (left + width * random.random::<f64>(), top + height * random.random::<f64>());
-        let is_free = |&(x, y): &(f64, f64)| {
-            lenslets.iter().all(|other| (other.x - x).hypot(other.y - y) > DISTANCE_PX)
-        };
+        let is_free =
+            |&(x, y): &(f64, f64)| lenslets.iter().all(|other| (other.x - x).hypot(other.y - y) > DISTANCE_PX);
         let Some((x, y)) = (0..TRIES).map(|_| centre()).find(is_free) else { break };
         let weight = if is_equal { 1.0 } else { Distribution::<f64>::sample(&Exp1, random).max(0.05) };
         lenslets.push(Lenslet::round(x, y, sigma, weight));

@@ -17,7 +17,13 @@ use crate::reconstruction::protocol::{DecoderScene, DecoderTest};
 use crate::sensor::Noise;
 
 fn scene(set: ObjectSet) -> DecoderScene {
-    DecoderScene { set: Arc::new(set), light: Light::Scene, background: 5.0, noise: Noise::Shot, protocol: Protocol::Default }
+    DecoderScene {
+        set: Arc::new(set),
+        light: Light::Scene,
+        background: 5.0,
+        noise: Noise::Shot,
+        protocol: Protocol::Default,
+    }
 }
 
 fn beads() -> DecoderScene {
@@ -104,7 +110,9 @@ fn files_bring_back_the_network_and_refuse_others() {
     let bytes = network.to_bytes().unwrap();
     assert_eq!(TrainedNetwork::from_bytes(&bytes).unwrap(), network);
     for cut in [0, 20, bytes.len() / 2] {
-        assert!(TrainedNetwork::from_bytes(&bytes[..cut]).unwrap_err().to_string().contains("not weights of this network"));
+        assert!(
+            TrainedNetwork::from_bytes(&bytes[..cut]).unwrap_err().to_string().contains("not weights of this network")
+        );
     }
     let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
     let network = Arc::new(network);

@@ -3,9 +3,7 @@
 use rayon::prelude::*;
 
 use super::layers::{Block, Layers};
-use crate::nn::{
-    Grid, TileMemory, Write, add_assign, pixel_shuffle, pixel_unshuffle, silu, silu_backward,
-};
+use crate::nn::{Grid, TileMemory, Write, add_assign, pixel_shuffle, pixel_unshuffle, silu, silu_backward};
 
 /// A network with its weights, ready for passes.
 pub(super) struct Ready<'a> {

@@ -163,7 +163,8 @@ impl DecoderStudyRecord {
         if here == there {
             return Ok(());
         }
-        let names = ["decoders", "protocol", "test", "sweeps", "information_seconds", "seed", "objects"];
+        let names =
+            ["decoders", "protocol", "test", "sweeps", "training_seconds", "information_seconds", "seed", "objects"];
         let what = names.into_iter().find(|&name| here[name] != there[name]).unwrap_or("designs");
         let (expected, found) = (here[what].to_string(), there[what].to_string());
         Err(StudyError::Changed { path: path.into(), what, expected, found })

@@ -3,6 +3,7 @@
 use super::record::{Correlation, DecoderStudyRecord, MaskRow};
 use crate::information::with_interval;
 use crate::plural::counted;
+use crate::reconstruction::DecoderKind;
 
 /// Placeholder of an unknown value.
 const NOTHING: &str = "-";
@@ -71,11 +72,15 @@ pub(super) fn markdown(record: &DecoderStudyRecord) -> String {
     let settings = &record.settings;
     let sweeps =
         settings.sweeps.map_or(String::new(), |sweeps| format!("; posterior mean by {}", counted(sweeps, "sweep")));
+    let training = match settings.decoders.contains(&DecoderKind::Network) {
+        true => format!("; networks trained for {} s", settings.training_seconds),
+        false => String::new(),
+    };
     let mut lines = vec![
         "# Information and decoders".to_owned(),
         String::new(),
         format!(
-            "{} protocol; {}{sweeps}; information of the whole sensor within {} s; seed {}; Lenslet Studio {}. Information in bits per \
+            "{} protocol; {}{sweeps}{training}; information of the whole sensor within {} s; seed {}; Lenslet Studio {}. Information in bits per \
              pixel, PSNR in dB, 95 % intervals.",
             settings.protocol,
             counted(settings.test, "test object"),

@@ -18,8 +18,8 @@ use crate::information::{EngineChoice, Estimator, PosteriorChains, Protocol};
 use crate::objects::ObjectSource;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::{
-    DecoderKind, DecoderQuality, DecoderScene, DecoderTest, PosteriorMean, Prior, ReconstructionError,
-    ReconstructionStep,
+    Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest, NetworkDecoder, NetworkTraining, PosteriorMean,
+    ReconstructionError, ReconstructionStep, TrainingBudget, TrainingMasks, TrainingStep,
 };
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
@@ -191,12 +191,20 @@ fn quality(
     let psf = forward.psf(&design).map_err(crate::forward::ForwardError::from)?;
     let model = scene.model(psf.view())?;
     let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
-    let decoder = match (kind, prior, settings.sweeps) {
+    let decoder: Box<dyn Decoder> = match (kind, prior.map(Arc::new), settings.sweeps) {
         (DecoderKind::Posterior, Some(prior), Some(sweeps)) => {
             let chains = PosteriorChains::of_sweeps(sweeps, settings.seed);
-            Box::new(PosteriorMean::new(&prior, Some(chains))?) as Box<dyn crate::reconstruction::Decoder>
+            Box::new(PosteriorMean::new(&prior, Some(chains))?)
         }
-        (_, prior, _) => kind.decoder(prior.map(|prior: Prior| Arc::new(prior)))?,
+        (DecoderKind::Network, Some(prior), _) => {
+            let budget = TrainingBudget::Seconds(settings.training_seconds);
+            let training = NetworkTraining { budget, seed: settings.seed };
+            let masks = TrainingMasks::One(model.clone());
+            let cancel = CancelToken::new();
+            let network = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
+            Box::new(NetworkDecoder::new(Arc::new(network), &scene, prior)?)
+        }
+        (_, prior, _) => kind.decoder(prior)?,
     };
     let test = DecoderTest { objects: settings.test, seed: settings.seed };
     test.run(&*decoder, &scene, &model, &mut |_: &ReconstructionStep| poll(), &mut |_| Ok(()))

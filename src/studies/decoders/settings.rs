@@ -27,6 +27,8 @@ pub struct DecoderStudySettings {
     pub test: usize,
     /// Sweeps of the Markov chains of the posterior mean; `None` takes the trained decoder alone.
     pub sweeps: Option<usize>,
+    /// Time of training of a network for one mask, seconds.
+    pub training_seconds: f64,
     /// Time for the information of one mask, seconds.
     pub information_seconds: f64,
     /// Mean of the objects, photons per pixel.
@@ -57,6 +59,7 @@ impl DecoderStudySettings {
             protocol: Protocol::Default,
             test: 500,
             sweeps: None,
+            training_seconds: 60.0,
             information_seconds: 60.0,
             mean_photons,
             bias_photons,
