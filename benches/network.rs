@@ -57,9 +57,10 @@ fn time_of_steps((scene, masks): &(DecoderScene, TrainingMasks), steps: u64) -> 
 /// The products of all 3x3 convolutions between equal channels: six for four pixels and each row of taps, or all nine taps at once.
 fn products(is_filtered: bool) {
     for (channels, pixels, layers) in LEVELS {
-        let (shapes, pixels) = match is_filtered {
-            true => (vec![(channels, channels); 3 * layers], pixels * 6 / 4),
-            false => (vec![(9 * channels, channels); layers], pixels),
+        let (shapes, pixels) = if is_filtered {
+            (vec![(channels, channels); 3 * layers], pixels * 6 / 4)
+        } else {
+            (vec![(9 * channels, channels); layers], pixels)
         };
         products_alone(&shapes, pixels, BATCH, Gradients::All);
     }

@@ -121,9 +121,10 @@ impl NetworkArgs {
             return Ok(Networks { networks: vec![Arc::new(start.clone())], files: Vec::new() });
         }
         let budget = budget.unwrap_or(TrainingBudget::Seconds(BUDGET_SECONDS));
-        let masks = match self.any_mask {
-            true => TrainingMasks::Any { psf: model.psf().dim() },
-            false => TrainingMasks::One(model.clone()),
+        let masks = if self.any_mask {
+            TrainingMasks::Any { psf: model.psf().dim() }
+        } else {
+            TrainingMasks::One(model.clone())
         };
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {

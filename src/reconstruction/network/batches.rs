@@ -133,7 +133,9 @@ impl<'a> Batches<'a> {
         // Turn by turn from the masks: a step has objects of both folds, or of one of many masks.
         let turn = if count < BATCH { BATCH / count } else { BATCH };
         while parts.iter().any(|part| part.len() > 0) {
-            parts.iter_mut().for_each(|part| self.waiting.extend(part.by_ref().take(turn)));
+            for part in &mut parts {
+                self.waiting.extend(part.by_ref().take(turn));
+            }
         }
         Ok(())
     }

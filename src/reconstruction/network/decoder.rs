@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::features::{CHANNELS, Features, padded};
 use super::layers::Layers;
 use super::trained::TrainedNetwork;
-use super::unet::{Activations, Ready};
+use super::unet::{Activations, Ready, check_memory};
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::decoder::{Decoder, DecoderKind, PreparedDecoder, ReconstructionStep};
 use crate::reconstruction::error::ReconstructionError;
@@ -53,6 +53,7 @@ impl Decoder for NetworkDecoder {
         cancel: &CancelToken,
     ) -> Result<Box<dyn PreparedDecoder>, ReconstructionError> {
         self.network.check_mask(model)?;
+        check_memory(model.field(), 1)?;
         let moments = (self.network.deviation, self.set_mean);
         let features = Features::new(model, &self.prior, moments, cancel)?;
         Ok(Box::new(PreparedNetwork { features, layers: Layers::new(CHANNELS), network: self.network.clone() }))

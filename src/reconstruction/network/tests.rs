@@ -63,14 +63,14 @@ fn train(scene: &DecoderScene, masks: &TrainingMasks, steps: usize) -> TrainedNe
 
 #[test]
 fn equal_seeds_give_equal_weights_for_any_number_of_threads() {
-    let scene = bars();
+    let scene = beads();
     let masks = TrainingMasks::One(model(&scene, (1, 6)));
     let with_threads = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| train(&scene, &masks, 3))
     };
     let (one, three) = (with_threads(1), with_threads(3));
-    assert_eq!(one.weights, three.weights);
+    assert!(one.weights == three.weights);
     assert_eq!((one.steps, one.psnr_db), (3, three.psnr_db));
 }
 

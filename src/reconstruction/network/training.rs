@@ -3,6 +3,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -11,9 +13,9 @@ use super::features::{CHANNELS, Features, deviation_of, padded};
 use super::layers::Layers;
 use super::masks::{TrainingMasks, random_psf};
 use super::trained::{NetworkMask, TrainedNetwork, TrainingPoint};
-use super::unet::{Activations, Ready};
+use super::unet::{Activations, Ready, check_memory};
 use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
-use crate::objects::Split;
+use crate::objects::{ObjectSet, Split};
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
@@ -95,7 +97,7 @@ impl NetworkTraining {
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where mask and field do not fit, and where `start` is of other objects;
-    /// [`ReconstructionError::Cancelled`] within 0.1 s of preparation or of a step.
+    /// [`ReconstructionError::Cancelled`] after the step, or the part of the preparation, that is at work.
     pub fn train(
         &self,
         scene: &DecoderScene,
@@ -108,6 +110,7 @@ impl NetworkTraining {
             TrainingMasks::One(model) => NetworkMask::of(model),
             TrainingMasks::Any { psf } => NetworkMask::Any { psf: *psf },
         };
+        check_memory(scene.set.field(), BATCH)?;
         let seed = SeedStream::ReconstructionNetwork.derive(self.seed);
         let deviation = match start {
             Some(start) => start.start_of(scene)?.deviation,
@@ -279,9 +282,10 @@ impl<'a> Run<'a> {
         self.rate *= 0.5;
         self.recent = None;
         let averaged = self.averaged().to_vec();
-        self.weights = match averaged.iter().all(|weight| weight.is_finite()) {
-            true => averaged,
-            false => self.layers.layout.draw(self.restarts as u64),
+        self.weights = if averaged.iter().all(|weight| weight.is_finite()) {
+            averaged
+        } else {
+            self.layers.layout.draw(self.restarts as u64)
         };
         self.optimizer = optimizer(self.layers, &self.weights);
     }
@@ -330,18 +334,17 @@ struct Validation {
 
 impl Validation {
     fn new(
-        (scene, training): (&DecoderScene, &crate::objects::ObjectSet),
+        (scene, training): (&DecoderScene, &ObjectSet),
         masks: &TrainingMasks,
         (deviation, seed): (f64, u64),
         cancel: &CancelToken,
     ) -> Result<Self, ReconstructionError> {
-        use rand::SeedableRng;
         let prior = Arc::new(Prior::learn(training, scene.light, cancel)?);
         let seed = SeedStream::Block { index: 1 }.derive(seed);
         let models = match masks {
             TrainingMasks::One(model) => vec![model.clone()],
             TrainingMasks::Any { psf } => {
-                let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+                let mut random = ChaCha8Rng::seed_from_u64(seed);
                 let model = |_| scene.model(random_psf(*psf, &mut random)?.view());
                 (0..VALIDATION_MASKS).map(model).collect::<Result<_, _>>()?
             }

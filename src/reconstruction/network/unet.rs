@@ -4,6 +4,21 @@ use rayon::prelude::*;
 
 use super::layers::{Block, Layers};
 use crate::nn::{Grid, TileMemory, Write, add_assign, pixel_shuffle, pixel_unshuffle, silu, silu_backward};
+use crate::reconstruction::error::ReconstructionError;
+
+/// Bytes of [`Activations`] for a pixel of the images, nearly.
+const BYTES_PER_PIXEL: usize = 1100;
+/// Most bytes of all images of a batch.
+const MOST_BYTES: usize = 1 << 33;
+
+/// Refuses images of which `count` do not fit into memory.
+pub(super) fn check_memory((rows, cols): (usize, usize), count: usize) -> Result<(), ReconstructionError> {
+    let bytes = rows.saturating_mul(cols).saturating_mul(BYTES_PER_PIXEL * count);
+    if bytes <= MOST_BYTES {
+        return Ok(());
+    }
+    Err(ReconstructionError::TooLarge { rows, cols, gibibytes: bytes as f64 / f64::from(1 << 30) })
+}
 
 /// A network with its weights, ready for passes.
 pub(super) struct Ready<'a> {
