@@ -38,6 +38,15 @@ pub(super) fn product(a: MatRef<'_, f32>, b: MatRef<'_, f32>) -> Mat<f32> {
     result
 }
 
+/// Work whose bits depend on the number of threads: QR and eigenvectors of faer. Both are small here.
+fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+        Ok(pool) => pool.install(work),
+        // Without another thread the bits may differ from those of another machine, within rounding.
+        Err(_) => work(),
+    }
+}
+
 impl Components {
     /// At most `count` components of samples (n, pixels) with mean 0; fewer where samples differ in fewer ways.
     pub(super) fn of(samples: &Array2<f32>, count: usize) -> Self {
@@ -49,12 +58,13 @@ impl Components {
         let mut directions = Mat::from_fn(pixels, wide, |_, _| random.sample::<f32, _>(StandardNormal));
         for _ in 0..=ITERATIONS {
             let scores = product(x.transpose(), directions.as_ref());
-            directions = product(x, scores.as_ref()).qr().compute_thin_Q();
+            let wide = product(x, scores.as_ref());
+            directions = on_one_thread(|| wide.qr().compute_thin_Q());
         }
         let scores = product(x.transpose(), directions.as_ref());
         let gram = product(scores.transpose(), scores.as_ref());
         let covariance = Mat::from_fn(wide, wide, |i, j| f64::from(gram[(i, j)]) / rows.max(1) as f64);
-        let Ok(eigen) = covariance.self_adjoint_eigen(Side::Lower) else {
+        let Ok(eigen) = on_one_thread(|| covariance.self_adjoint_eigen(Side::Lower)) else {
             // Does not converge for samples that are not finite, which have been refused before.
             return Self { directions: Mat::zeros(pixels, 0), variances: Vec::new() };
         };
@@ -111,6 +121,16 @@ pub(super) fn mean_of(samples: ArrayView2<'_, f32>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn components_are_the_same_on_any_number_of_threads() {
+        let samples = Array2::from_shape_fn((700, 400), |(row, col)| ((row * 37 + col * col * 11) % 101) as f32 - 50.0);
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| Components::of(&samples, 300).directions)
+        };
+        assert!(run(1) == run(3));
+    }
 
     #[test]
     fn components_of_a_known_covariance_are_found() {
