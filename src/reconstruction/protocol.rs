@@ -268,7 +268,11 @@ impl DecoderTest {
         Ok(DecoderQuality { psnr_linear_closed_form_db: closed_form, psnr_posterior_db: posterior, ..quality })
     }
 
-    fn summary(
+    /// Quality over test objects whose `all` and whose errors of the mean object (`constant`) are known.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::Information`] for fewer than two objects.
+    pub(crate) fn summary(
         self,
         decoder: DecoderKind,
         scene: &DecoderScene,

@@ -1,15 +1,18 @@
 //! The workbench: the open design, its commands, the worker that evaluates it, and files. It does not depend on the window.
 
 mod background;
+mod captures;
 mod document;
 mod estimates;
 mod export;
 mod jobs;
 mod live;
+mod reconstructions;
 mod runs;
 mod session;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
+pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
 pub use document::file_preview::{FilePreview, FileUse, with_option};
@@ -20,9 +23,13 @@ pub use export::colormap::Colormap;
 pub use export::design_files::{
     Curve, DESIGN_FILE, DESIGN_FILES, ExportError, design_outputs, export_design, write_design,
 };
-pub use export::reconstruction_files::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
+pub use export::reconstruction_files::{
+    RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter, colour_levels,
+};
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
-pub use jobs::commands::{bounds_command, estimate_command, images_command, reproduce_command, run_command};
+pub use jobs::commands::{
+    bounds_command, capture_command, estimate_command, images_command, reconstruct_command, reproduce_command, run_command,
+};
 pub use jobs::job::{Job, Outcome};
 pub use jobs::record::{Record, RecordError};
 pub use jobs::worker::Worker;
@@ -32,9 +39,14 @@ pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
 pub use live::position_gradients::PositionGradient;
 pub use live::published::{Live, Revisioned};
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
+pub use reconstructions::queue::{
+    Reconstruction, ReconstructionKey, ReconstructionRequest, Reconstructions, SeenRegion, SetQuality,
+};
 pub use runs::{
     DesignRun, IdealRecord, RankedStart, RunBounds, RunQueue, RunStatus, RunStore, Start, StoredRun,
     comparison_summary, curve_of, patches_of, result_lines, run_ideal, score_in_patches, score_settings, score_whole,
 };
 pub use session::Session;
-pub use session::snapshots::{Bits, FileChange, FoundSnapshots, Snapshot, SnapshotNumbers, Snapshots};
+pub use session::snapshots::{
+    Bits, FileChange, FoundSnapshots, LiveResults, Snapshot, SnapshotNumbers, SnapshotReconstruction, Snapshots,
+};

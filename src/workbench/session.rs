@@ -1,6 +1,7 @@
 //! A session: the open design and its worker.
 
 pub mod estimates;
+pub mod reconstructions;
 pub mod run_preview;
 pub mod snapshots;
 
@@ -13,6 +14,7 @@ use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 use crate::workbench::background::activity::{Activities, Activity, ActivityKind};
 use crate::workbench::background::threads::{Threads, Wake};
+use crate::workbench::captures::capturer::Capturer;
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
@@ -20,6 +22,7 @@ use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
 use crate::workbench::live::published::{Live, Wanted};
+use crate::workbench::reconstructions::reconstructor::Reconstructor;
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
 
@@ -46,6 +49,8 @@ pub struct Session {
     threads: Threads,
     activities: Activities,
     pub(crate) worker: Worker,
+    pub(crate) reconstructor: Reconstructor,
+    pub(crate) capturer: Capturer,
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
@@ -80,6 +85,8 @@ impl Session {
             history: History::default(),
             path,
             worker,
+            reconstructor: Reconstructor::start(Arc::clone(&wake), threads.clone())?,
+            capturer: Capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
             wake,
             threads,
@@ -148,7 +155,7 @@ impl Session {
         self.activities.all()
     }
 
-    /// Estimates and runs that ended since the last call, oldest first.
+    /// Estimates, captures and runs that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         self.activities.take_ended()
     }
@@ -159,6 +166,7 @@ impl Session {
             ActivityKind::Save | ActivityKind::File => {}
             ActivityKind::Objects => self.worker.cancel_numbered(activity.number),
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
+            ActivityKind::Capture => self.stop_capture(),
             ActivityKind::Run => self.stop_run(),
         }
     }

@@ -53,7 +53,10 @@ const ORDER: [(&str, &[&str]); 3] = [
             "estimate",
         ],
     ),
-    ("workbench", &["background", "document", "export", "live", "runs", "estimates", "jobs", "session"]),
+    (
+        "workbench",
+        &["background", "document", "export", "live", "reconstructions", "captures", "runs", "estimates", "jobs", "session"],
+    ),
     ("studio", &["widgets", "canvas", "state", "panels", "dialogs", "app"]),
 ];
 

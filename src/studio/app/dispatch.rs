@@ -42,6 +42,13 @@ fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::Run(request) => serve_run(request, state),
         Request::Estimates(request) => serve_estimates(request, state),
         Request::Inspect => state.inspect(),
+        Request::Reconstruct => {
+            if let Some(wait) = state.reconstruct() {
+                ctx.request_repaint_after(wait);
+            }
+        }
+        Request::ReconstructCapture(order) => state.session.reconstruct_capture(order),
+        Request::StopCapture => state.session.stop_capture(),
         Request::Submit(job) => state.session.submit(job),
         Request::StopJob(activity) => state.session.stop(&activity),
         Request::StopReading => state.session.cancel(),
@@ -130,6 +137,7 @@ pub fn run(action: Action, ctx: &egui::Context, state: &mut State) {
         },
         Action::SaveAs => ask(PathPurpose::SaveAs),
         Action::OpenObjects => ask(PathPurpose::OpenObjects),
+        Action::OpenCapture => state.dialogs.capture.is_open = true,
         Action::ImportPsf => ask(PathPurpose::ImportPsf),
         Action::FitLenslets => state.session.fit_lenslets(),
         Action::ExportDesign => ask(PathPurpose::ExportDesign),

@@ -9,51 +9,48 @@ use egui_tiles::{
 use crate::studio::app::dispatch;
 use crate::studio::app::state::{Parts, State};
 use crate::studio::panels::{
-    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, samples, scene,
+    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, reconstruction, samples,
+    scene,
 };
 use crate::studio::state::pane::Pane;
 use crate::studio::state::request::Request;
 use crate::studio::state::window_layout::VisiblePanel;
 
-/// The default layout: mask and lenslets, object and measurement, numbers.
+/// The default layout: mask and lenslets above object, measurement and reconstruction; numbers on the right.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
-    let column = |tiles: &mut Tiles<Pane>, panes: [(Pane, f32); 2]| {
-        let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
-        for (pane, share) in panes {
-            let pane = tiles.insert_pane(pane);
-            let tab = tiles.insert_tab_tile(vec![pane]);
-            linear.children.push(tab);
-            linear.shares.set_share(tab, share);
-        }
-        tiles.insert_container(Container::Linear(linear))
-    };
-    let left = column(&mut tiles, [(Pane::Mask, 2.1), (Pane::Lenslets, 1.0)]);
-    let middle = column(&mut tiles, [(Pane::Object, 1.0), (Pane::Measurement, 1.0)]);
-    let right = {
-        let information = tiles.insert_pane(Pane::Information);
-        let information = tiles.insert_tab_tile(vec![information]);
-        let scene = tiles.insert_pane(Pane::Scene);
-        let mtf = tiles.insert_pane(Pane::Mtf);
-        let history = tiles.insert_pane(Pane::History);
-        let estimates = tiles.insert_pane(Pane::Estimates);
-        let map = tiles.insert_pane(Pane::InformationMap);
-        let optimize = tiles.insert_pane(Pane::Optimize);
-        let compare = tiles.insert_pane(Pane::Compare);
-        let below = tiles.insert_tab_tile(vec![scene, optimize, estimates, compare, map, mtf, history]);
-        let mut linear = Linear { dir: LinearDir::Vertical, ..Linear::default() };
-        linear.children = vec![information, below];
-        linear.shares.set_share(information, 1.3);
-        linear.shares.set_share(below, 1.0);
-        tiles.insert_container(Container::Linear(linear))
-    };
-    let mut row = Linear { dir: LinearDir::Horizontal, ..Linear::default() };
-    row.children = vec![left, middle, right];
-    row.shares.set_share(left, 1.45);
-    row.shares.set_share(middle, 1.05);
-    row.shares.set_share(right, 1.15);
-    let root = tiles.insert_container(Container::Linear(row));
+    let above = row(&mut tiles, &[(Pane::Mask, 1.0), (Pane::Lenslets, 1.07)]);
+    let below = row(&mut tiles, &[(Pane::Object, 1.0), (Pane::Measurement, 1.0), (Pane::Reconstruction, 1.0)]);
+    let left = shared(&mut tiles, LinearDir::Vertical, &[(above, 1.15), (below, 1.0)]);
+    let information = tab(&mut tiles, &[Pane::Information]);
+    let others =
+        [Pane::Scene, Pane::Optimize, Pane::Estimates, Pane::Compare, Pane::InformationMap, Pane::Mtf, Pane::History];
+    let others = tab(&mut tiles, &others);
+    let right = shared(&mut tiles, LinearDir::Vertical, &[(information, 1.3), (others, 1.0)]);
+    let root = shared(&mut tiles, LinearDir::Horizontal, &[(left, 2.5), (right, 1.15)]);
     Tree::new(egui::Id::unique("rooms"), root, tiles)
+}
+
+/// Panels as tabs of one place.
+fn tab(tiles: &mut Tiles<Pane>, panes: &[Pane]) -> TileId {
+    let panes = panes.iter().map(|&pane| tiles.insert_pane(pane)).collect();
+    tiles.insert_tab_tile(panes)
+}
+
+/// Panels side by side, with their shares of the width.
+fn row(tiles: &mut Tiles<Pane>, panes: &[(Pane, f32)]) -> TileId {
+    let tabs: Vec<(TileId, f32)> = panes.iter().map(|&(pane, share)| (tab(tiles, &[pane]), share)).collect();
+    shared(tiles, LinearDir::Horizontal, &tabs)
+}
+
+/// Tiles along a direction, with their shares.
+fn shared(tiles: &mut Tiles<Pane>, dir: LinearDir, children: &[(TileId, f32)]) -> TileId {
+    let mut linear = Linear { dir, ..Linear::default() };
+    for &(child, share) in children {
+        linear.children.push(child);
+        linear.shares.set_share(child, share);
+    }
+    tiles.insert_container(Container::Linear(linear))
 }
 
 /// A valid layout from a file. Unknown panels are dropped, missing ones are added beside the scene. `None` if the file
@@ -131,6 +128,7 @@ fn show_panel(ui: &mut egui::Ui, pane: Pane, parts: Parts<'_>, requests: &mut Ve
         Pane::Lenslets => lenslets::show(ui, &mut panels.selection, &view, requests),
         Pane::Object => samples::show_object(ui, &mut panels.samples, &view, requests),
         Pane::Measurement => samples::show_measurement(ui, &mut panels.samples, &view, requests),
+        Pane::Reconstruction => reconstruction::show(ui, &mut panels.samples, &view, requests),
         Pane::Scene => scene::show(ui, &view, requests),
         Pane::Information => information::show(ui, &view, requests),
         Pane::Mtf => mtf::show(ui, &mut panels.mtf, &view, requests),
@@ -202,6 +200,18 @@ mod tests {
         assert!(Pane::ALL.iter().all(|pane| found.contains(pane)));
         let plain = restored(serde_json::from_str(&text).unwrap()).unwrap();
         assert_eq!(panes(&plain).len(), Pane::ALL.len());
+    }
+
+    #[test]
+    fn layout_without_a_newer_panel_gets_it_beside_the_scene() {
+        let mut tree = default_layout();
+        let found = tree.tiles.find_pane(&Pane::Reconstruction).unwrap();
+        tree.remove_recursively(found);
+        let older = serde_json::to_string(&tree).unwrap();
+        assert!(!older.contains("Reconstruction"));
+        let tree = restored(serde_json::from_str(&older).unwrap()).unwrap();
+        let parent = |pane| tree.tiles.parent_of(tree.tiles.find_pane(&pane).unwrap());
+        assert_eq!(parent(Pane::Reconstruction), parent(Pane::Scene));
     }
 
     #[test]

@@ -35,6 +35,7 @@ pub fn file_menu(ui: &mut egui::Ui, panels: &Panels, view: &View<'_>, requests: 
     ui.separator();
     action_entry::entry(ui, view, requests, Action::OpenObjects);
     action_entry::entry(ui, view, requests, Action::ImportPsf);
+    action_entry::entry(ui, view, requests, Action::OpenCapture);
     ui.separator();
     action_entry::entry(ui, view, requests, Action::ExportDesign);
     action_entry::entry(ui, view, requests, Action::ExportMeasurements);
@@ -71,6 +72,11 @@ fn exportable_images<'a>(panels: &'a Panels, view: &'a View<'_>) -> impl Iterato
         revision: measurements.revision,
         values: measurement_of(&measurements.value, sample).into(),
     });
+    let reconstruction = view.reconstructions.shown.as_ref().map(|shown| Exportable {
+        shown: panels.samples.reconstruction.view(),
+        revision: shown.key.revision,
+        values: panels.samples.reconstruction.values_of(shown),
+    });
     let mtf = optics.as_ref().filter(|_| panels.mtf.mode == MtfMode::Map).map(|optics| Exportable {
         shown: &panels.mtf.image,
         revision: optics.revision,
@@ -81,7 +87,7 @@ fn exportable_images<'a>(panels: &'a Panels, view: &'a View<'_>) -> impl Iterato
         revision: live.revision,
         values: panels.map.map_of(&live.value).into(),
     });
-    [psf, object, measurement, mtf, information].into_iter().flatten()
+    [psf, object, measurement, reconstruction, mtf, information].into_iter().flatten()
 }
 
 /// One entry per image that shows the current revision.

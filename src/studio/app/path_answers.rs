@@ -22,6 +22,10 @@ impl State {
                 let form = &mut self.panels.estimates.camera;
                 return form.choose(question.path.trim().to_owned(), question.preview);
             }
+            PathPurpose::ChooseCapture(file) => {
+                return self.dialogs.capture.choose(file, question.path.trim().to_owned());
+            }
+            PathPurpose::ExportCapture { object, measurement } => Job::ExportCapture { object, measurement, folder: path },
             PathPurpose::ImportPsf => {
                 let side = Some(question.resample).filter(|&side| side > 0);
                 return self.session.import_psf(path, side);

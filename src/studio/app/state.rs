@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crate::studio::canvas::image_view::ColourPalettes;
 use crate::studio::state::dialogs::Dialogs;
@@ -11,13 +12,25 @@ use crate::studio::state::locks::Locks;
 use crate::studio::state::messages::{Messages, Severity};
 use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
+use crate::studio::state::reconstruction::TEST_OBJECTS;
 use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
 use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::workbench::{
-    DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, Recovered, Session, bounds_command,
-    reproduce_command,
+    CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults, ReconstructionKey,
+    ReconstructionRequest, Reconstructions, Recovered, Session, bounds_command, reproduce_command,
 };
+
+/// Time between two reconstructions while the masks of a run are shown as they come.
+const RECONSTRUCT_EVERY: Duration = Duration::from_secs(1);
+
+/// A requested reconstruction.
+#[derive(Clone, Copy)]
+struct AskedReconstruction {
+    key: ReconstructionKey,
+    test_objects: usize,
+    at: Instant,
+}
 
 /// The state of the window. Panels and dialogs get [`Parts`] of it.
 pub struct State {
@@ -27,10 +40,16 @@ pub struct State {
     pub live: Live,
     /// Longer estimates as of this frame.
     pub estimates: Estimates,
+    /// Reconstructions as of this frame.
+    pub reconstructions: Reconstructions,
+    /// The newest capture of a camera as of this frame.
+    capture: Option<CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
     pub run: Option<DesignRun>,
     /// Key of the last requested inspection of the shown measurement.
     inspected: Option<InspectionKey>,
+    /// The last requested reconstruction.
+    reconstructed: Option<AskedReconstruction>,
     /// Locked lenslets.
     pub locks: Locks,
     /// Information after each edit.
@@ -81,8 +100,11 @@ impl State {
             session,
             live,
             estimates,
+            reconstructions: Reconstructions::default(),
+            capture: None,
             run: None,
             inspected: None,
+            reconstructed: None,
             locks: Locks::default(),
             edit_history: EditHistory::default(),
             panels: Panels::default(),
@@ -118,6 +140,8 @@ impl State {
             is_live: session.is_live(),
             live: &self.live,
             estimates: &self.estimates,
+            reconstructions: &self.reconstructions,
+            capture: self.capture.as_ref(),
             run: self.run.as_ref(),
             inspected: self.inspected,
             locks: &self.locks,
@@ -138,6 +162,8 @@ impl State {
     pub fn load_results(&mut self) {
         self.live = self.session.live();
         self.estimates = self.session.estimates();
+        self.reconstructions = self.session.reconstructions();
+        self.capture = self.session.capture();
         // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == self.session.revision() && !self.session.is_previewing();
         if let Some(information) = self.live.information.as_ref().filter(|known| current(known.revision)) {
@@ -147,7 +173,9 @@ impl State {
         if let Some(live) = &self.estimates.live {
             self.edit_history.note_live(live.revision, live.value.bits_per_pixel);
         }
-        self.panels.compare.snapshots.take_up(&self.live, &self.estimates);
+        let results =
+            LiveResults { live: &self.live, estimates: &self.estimates, reconstructions: &self.reconstructions };
+        self.panels.compare.snapshots.take_up(results);
         let count = self.session.design().encoder.lenslets().map_or(0, |array| array.lenslets.len());
         self.panels.selection.truncate(count);
         // Locks belong to the open design, even during a preview.
@@ -168,6 +196,37 @@ impl State {
             self.inspected = Some(key);
             self.session.inspect(InspectionRequest { key, measurements, model });
         }
+    }
+
+    /// Requests the reconstruction of the shown measurement, once. During a run it comes from time to time: returns the time until the next.
+    pub fn reconstruct(&mut self) -> Option<Duration> {
+        let asked = self.reconstructed;
+        let Parts { view, panels, .. } = self.parts();
+        let measurements = view.current_measurements()?;
+        let optics = view.live.optics.as_ref().filter(|optics| view.is_current(optics.revision))?;
+        let scene = view.live.scene.as_ref().filter(|scene| scene.value.serves(view.design))?;
+        let key = panels.samples.reconstruction_key(view.revision);
+        let is_live = view.is_live && !view.is_live_paused();
+        let test_objects = if is_live { TEST_OBJECTS } else { 0 };
+        if asked.is_some_and(|asked| (asked.key, asked.test_objects) == (key, test_objects)) {
+            return None;
+        }
+        let wait = asked.filter(|_| view.preview.is_following);
+        let wait = wait.map(|asked| RECONSTRUCT_EVERY.saturating_sub(asked.at.elapsed()));
+        if let Some(wait) = wait.filter(|wait| *wait > Duration::ZERO) {
+            return Some(wait);
+        }
+        let request = ReconstructionRequest {
+            key,
+            design: Arc::clone(view.design),
+            scene: Arc::clone(&scene.value),
+            optics: Arc::clone(&optics.value),
+            measurements: Arc::clone(&measurements.value),
+            test_objects,
+        };
+        self.reconstructed = Some(AskedReconstruction { key, test_objects, at: Instant::now() });
+        self.session.reconstruct(request);
+        None
     }
 
     /// Stores unsaved changes in the folder of the preferences, or else the default one. Returns the unsaved designs of earlier
@@ -241,7 +300,9 @@ impl State {
     pub fn keep_snapshot(&mut self) {
         let open = (self.session.design(), self.session.revision());
         let compare = &mut self.panels.compare;
-        match compare.snapshots.keep(open.0, open.1, &self.live, &self.estimates) {
+        let results =
+            LiveResults { live: &self.live, estimates: &self.estimates, reconstructions: &self.reconstructions };
+        match compare.snapshots.keep(open.0, open.1, results) {
             Ok(()) => {
                 let Some(last) = compare.snapshots.entries.last() else { return };
                 let (number, name) = (last.number, last.name.clone());

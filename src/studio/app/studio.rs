@@ -14,12 +14,12 @@ use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
 use crate::studio::app::repaint_throttle::RepaintThrottle;
 use crate::studio::app::state::{Parts, State};
-use crate::studio::app::{capture, dispatch, menus};
+use crate::studio::app::{capture as panel_capture, dispatch, menus};
 use crate::studio::canvas::pan_zoom::CLICK_REACH;
 use crate::studio::dialogs::confirm_discard::{self, AtStake};
 use crate::studio::dialogs::dropped_files::{self, Dropped};
 use crate::studio::dialogs::settings_dialogs::{self, Environment};
-use crate::studio::dialogs::{palette, path_dialog, recovery, welcome};
+use crate::studio::dialogs::{capture, palette, path_dialog, recovery, welcome};
 use crate::studio::panels::status_bar::{self, FrameTimes, StatusBar};
 use crate::studio::panels::{jobs, messages, preview_banner};
 use crate::studio::state::action::Action;
@@ -312,7 +312,7 @@ impl Studio {
     /// Draws the window.
     pub fn ui(&mut self, ui: &mut Ui) {
         self.state.hover = None;
-        capture::advance(ui.ctx(), &mut self.state);
+        panel_capture::advance(ui.ctx(), &mut self.state);
         let mut requests = Vec::new();
         Panel::top("menu").show(ui, |ui| self.menu_bar(ui, &mut requests));
         messages::banner(ui, &mut self.state.messages);
@@ -351,6 +351,7 @@ impl Studio {
     fn dialogs(&mut self, ctx: &egui::Context) {
         let activities = self.state.session.activities();
         self.dialog(ctx, |parts, requests| jobs::show(ctx, &mut parts.dialogs.jobs_open, &activities, requests));
+        self.dialog(ctx, |parts, requests| capture::show(ctx, &mut parts.dialogs.capture, &parts.view, requests));
         self.dialog(ctx, |parts, requests| path_dialog::show(ctx, &mut parts.dialogs.path, parts.view.path, requests));
         self.dialog(ctx, |parts, requests| palette::show(ctx, &mut parts.dialogs.palette, &parts.view, requests));
         let (renderer, folder) = (self.state.renderer, self.state.folder.clone());

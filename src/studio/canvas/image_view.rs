@@ -4,7 +4,7 @@ use egui::{Color32, ColorImage, Pos2, Rect, Sense, TextureHandle, TextureOptions
 use ndarray::{ArrayView2, s};
 
 use crate::studio::canvas::display_range::{self, DisplayRange, Histogram};
-use crate::studio::canvas::overlays::{self, PixelSize};
+use crate::studio::canvas::overlays::{self, PixelRegion, PixelSize};
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::canvas::viewport::{Placement, Viewport};
 use crate::studio::widgets::controls::name_widget;
@@ -75,6 +75,8 @@ pub struct ImageView {
     pub viewport: Viewport,
     /// Size of a pixel.
     pixel: PixelSize,
+    /// Outlined part; the rest is dimmed.
+    region: Option<PixelRegion>,
     texture: Option<TextureHandle>,
     drawn: Option<TextureKey>,
     /// Rule of the display range, and whether the histogram is logarithmic.
@@ -116,6 +118,7 @@ impl ImageView {
             colormap,
             viewport: Viewport::default(),
             pixel: PixelSize { width: 1.0, unit: "px" },
+            region: None,
             texture: None,
             drawn: None,
             levels: DisplayRange::default(),
@@ -155,6 +158,11 @@ impl ImageView {
     /// Sets the size of a pixel.
     pub fn set_pixel(&mut self, size: PixelSize) {
         self.pixel = size;
+    }
+
+    /// Sets the part that is outlined; the rest is dimmed.
+    pub fn set_region(&mut self, region: Option<PixelRegion>) {
+        self.region = region;
     }
 
     /// Controls of colour map and display range.
@@ -229,6 +237,9 @@ impl ImageView {
         self.colour_bar(ui, palettes, seen, room);
         let palette = palettes.of(self.colormap);
         let above = ui.painter_at(seen);
+        if let Some(region) = self.region.filter(|region| region.shape != (rows, cols)) {
+            overlays::region(&above, placement, seen, region);
+        }
         overlays::pixel_values(&above, placement, seen, image, |value| palette[Colormap::index(value, self.limits)]);
         let bar = overlays::scale_bar_length(seen.width(), placement.scale, self.pixel);
         if let Some(bar) = &bar {
@@ -239,7 +250,8 @@ impl ImageView {
             let (x, y) = self.viewport.centre(image.dim());
             let zoom = self.viewport.zoom();
             let bar = bar.map_or_else(String::new, |bar| format!(", scale bar {}", bar.text));
-            node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}"));
+            let region = self.region.map_or_else(String::new, PixelRegion::describe);
+            node.set_value(format!("zoom {zoom:.2}, x {x:.2} px, y {y:.2} px in the middle{bar}{region}"));
         });
         self.fit_button(ui, seen);
         Shown { placement, fit, seen, response, moved: self.viewport != before }

@@ -15,6 +15,8 @@ const LONGEST_BAR: f32 = 110.0;
 const LONGEST_SHARE: f32 = 0.4;
 /// Dark outline of white lines.
 const SHADE: Color32 = Color32::from_black_alpha(150);
+/// Shade over what lies outside a region.
+const DIM: Color32 = Color32::from_black_alpha(120);
 /// Dark background of a scale bar, which hides values below it.
 const PLATE: Color32 = Color32::from_black_alpha(225);
 
@@ -118,6 +120,45 @@ pub fn scale_bar(painter: &Painter, seen: Rect, bar: &ScaleBar) {
     painter.hline(left..=left + length, y, Stroke::new(2.0, Color32::WHITE));
     for end in [left, left + length] {
         painter.vline(end, y - 3.0..=y + 3.0, Stroke::new(1.0, Color32::WHITE));
+    }
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelRegion {
+    /// First row and column.
+    pub corner: (usize, usize),
+    /// Rows and columns.
+    pub shape: (usize, usize),
+}
+
+impl PixelRegion {
+    /// The region as the end of a sentence.
+    pub fn describe(self) -> String {
+        let Self { corner: (top, left), shape: (rows, cols) } = self;
+        let (bottom, right) = ((top + rows).saturating_sub(1), (left + cols).saturating_sub(1));
+        format!(", outlined rows {top} to {bottom}, columns {left} to {right}")
+    }
+}
+
+/// Outlines a region of pixels and dims what is visible around it.
+pub fn region(painter: &Painter, placement: Placement, seen: Rect, region: PixelRegion) {
+    let PixelRegion { corner: (top, left), shape: (rows, cols) } = region;
+    let edge = |row: usize, col: usize| placement.to_screen(col as f64 - 0.5, row as f64 - 0.5);
+    let region = Rect::from_min_max(edge(top, left), edge(top + rows, left + cols));
+    let inside = region.intersect(seen);
+    let inside = if inside.is_positive() { inside } else { Rect::from_min_size(seen.min, egui::Vec2::ZERO) };
+    for (from, to) in [
+        (seen.left_top(), pos2(seen.right(), inside.top())),
+        (pos2(seen.left(), inside.bottom()), seen.right_bottom()),
+        (pos2(seen.left(), inside.top()), inside.left_bottom()),
+        (inside.right_top(), pos2(seen.right(), inside.bottom())),
+    ] {
+        painter.rect_filled(Rect::from_min_max(from, to), 0.0, DIM);
+    }
+    // White on dark is visible on every colour.
+    for stroke in [Stroke::new(3.0, SHADE), Stroke::new(1.0, Color32::WHITE)] {
+        painter.rect_stroke(region, 0.0, stroke, egui::StrokeKind::Middle);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Dialogs in front of the window.
 
+pub mod capture;
 pub mod confirm_discard;
 pub mod dropped_files;
 pub mod palette;

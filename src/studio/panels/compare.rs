@@ -17,7 +17,7 @@ use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND, GAUSSIAN};
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
-use crate::workbench::{Bits, Colormap, Snapshot, SnapshotNumbers, Snapshots};
+use crate::workbench::{Bits, Colormap, Snapshot, SnapshotNumbers, SnapshotReconstruction, Snapshots};
 
 /// Side of the thumbnails, points.
 const THUMBNAIL: f32 = 30.0;
@@ -78,67 +78,86 @@ fn table(ui: &mut Ui, state: &mut CompareState, palettes: &ColourPalettes) -> Op
     let (mut has_drawn, mut chosen_action) = (false, None);
     let CompareState { snapshots, pair, tries_again, thumbnails, .. } = state;
     let scenes: Vec<String> = snapshots.scenes().into_iter().map(String::from).collect();
-    egui::Grid::new("designs").num_columns(9).min_col_width(0.0).spacing(SPACING).striped(true).show(ui, |ui| {
-        for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count", ""] {
-            ui.weak(title);
-        }
-        if scenes.len() > 1 {
-            ui.weak("Scene").on_hover_text("Numbers of different scenes are not comparable");
-        }
-        ui.end_row();
-        let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
-        for snapshot in &mut snapshots.entries {
-            let top = ui.cursor().top();
-            if top > seen.bottom() || top + THUMBNAIL < seen.top() {
-                // Hidden rows are skipped: there may be hundreds.
-                ui.allocate_space(Vec2::splat(THUMBNAIL));
-                ui.end_row();
-                continue;
+    let decoders = snapshots.decoders();
+    egui::Grid::new("designs").num_columns(9 + decoders.len()).min_col_width(0.0).spacing(SPACING).striped(true).show(
+        ui,
+        |ui| {
+            for title in ["", "A", "B", "Name", "bits/px", "Tamura", "Count"] {
+                ui.weak(title);
             }
-            if !has_drawn && snapshot.draw() {
-                has_drawn = true;
-                ui.ctx().request_repaint();
+            for decoder in &decoders {
+                let hint = "Peak signal-to-noise ratio of this method on test objects, dB";
+                ui.weak(format!("{decoder}, dB")).on_hover_text(hint);
             }
-            let number = snapshot.number;
-            thumbnail(ui, thumbnails, palettes, snapshot);
-            for (side, letter) in ["A", "B"].into_iter().enumerate() {
-                let chosen = pair[side] == Some(number);
-                let response = ui.radio(chosen, "");
-                name_widget(&response, &format!("{letter} is snapshot {number}"));
-                if response.clicked() {
-                    pair[side] = (!chosen).then_some(number);
-                    *tries_again = true;
-                }
-            }
-            let mut name = snapshot.name.clone();
-            let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
-            name_widget(&response, &format!("Name of snapshot {number}"));
-            if response.changed() {
-                snapshot.rename(name);
-            }
-            let text = egui::RichText::new(information(snapshot)).size(11.0);
-            ui.label(text).on_hover_text(bounds(snapshot));
-            ui.label(snapshot.numbers.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
-            let lenslets = snapshot.design.encoder.lenslets();
-            ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
-                .on_hover_text(format!("{}, {}", snapshot.design.encoder.describe(), snapshot.design.objects));
-            let more = ui.menu_button("...", |ui| {
-                for (text, act) in [("Open", SnapshotAction::Open(number)), ("Delete", SnapshotAction::Delete(number))]
-                {
-                    if ui.button(text).clicked() {
-                        chosen_action = Some(act);
-                        ui.close();
-                    }
-                }
-            });
-            name_widget(&more.response, &format!("More of snapshot {number}"));
+            ui.weak("");
             if scenes.len() > 1 {
-                ui.label(letter_of(&scenes, &snapshot.scene)).on_hover_text(&snapshot.scene);
+                ui.weak("Scene").on_hover_text("Numbers of different scenes are not comparable");
             }
             ui.end_row();
-        }
-    });
+            let seen = ui.clip_rect().expand(SPACING.y + THUMBNAIL);
+            for snapshot in &mut snapshots.entries {
+                let top = ui.cursor().top();
+                if top > seen.bottom() || top + THUMBNAIL < seen.top() {
+                    // Hidden rows are skipped: there may be hundreds.
+                    ui.allocate_space(Vec2::splat(THUMBNAIL));
+                    ui.end_row();
+                    continue;
+                }
+                if !has_drawn && snapshot.draw() {
+                    has_drawn = true;
+                    ui.ctx().request_repaint();
+                }
+                let number = snapshot.number;
+                thumbnail(ui, thumbnails, palettes, snapshot);
+                for (side, letter) in ["A", "B"].into_iter().enumerate() {
+                    let chosen = pair[side] == Some(number);
+                    let response = ui.radio(chosen, "");
+                    name_widget(&response, &format!("{letter} is snapshot {number}"));
+                    if response.clicked() {
+                        pair[side] = (!chosen).then_some(number);
+                        *tries_again = true;
+                    }
+                }
+                let mut name = snapshot.name.clone();
+                let response = ui.add_sized([70.0, 20.0], egui::TextEdit::singleline(&mut name));
+                name_widget(&response, &format!("Name of snapshot {number}"));
+                if response.changed() {
+                    snapshot.rename(name);
+                }
+                let text = egui::RichText::new(information(snapshot)).size(11.0);
+                ui.label(text).on_hover_text(bounds(snapshot));
+                ui.label(snapshot.numbers.tamura.map_or_else(|| "-".into(), |tamura| format!("{tamura:.3}")));
+                let lenslets = snapshot.design.encoder.lenslets();
+                ui.label(lenslets.map_or_else(|| "-".into(), |array| array.lenslets.len().to_string()))
+                    .on_hover_text(format!("{}, {}", snapshot.design.encoder.describe(), snapshot.design.objects));
+                for &decoder in &decoders {
+                    let psnr = snapshot.numbers.reconstruction_by(decoder);
+                    ui.label(psnr.map_or_else(|| "-".into(), psnr_text));
+                }
+                let more = ui.menu_button("...", |ui| {
+                    for (text, act) in
+                        [("Open", SnapshotAction::Open(number)), ("Delete", SnapshotAction::Delete(number))]
+                    {
+                        if ui.button(text).clicked() {
+                            chosen_action = Some(act);
+                            ui.close();
+                        }
+                    }
+                });
+                name_widget(&more.response, &format!("More of snapshot {number}"));
+                if scenes.len() > 1 {
+                    ui.label(letter_of(&scenes, &snapshot.scene)).on_hover_text(&snapshot.scene);
+                }
+                ui.end_row();
+            }
+        },
+    );
     chosen_action
+}
+
+fn psnr_text(reconstruction: &SnapshotReconstruction) -> String {
+    let [low, high] = reconstruction.interval_95;
+    format!("{:.2} \u{b1} {:.2}", reconstruction.psnr_db, 0.5 * (high - low))
 }
 
 /// Letter of a scene, or its number beyond the alphabet.

@@ -46,7 +46,8 @@ pub fn show(ui: &mut Ui, selection: &mut Selection, view: &View<'_>, requests: &
             Some((_, effective)) => format!("{}, {effective:.1} effective", counted(count, "lenslet")),
             None => counted(count, "lenslet"),
         };
-        ui.weak(text).on_hover_text(COUNTS);
+        // A second line would move the fields below while somebody points at them.
+        ui.add(egui::Label::new(egui::RichText::new(text).weak()).truncate()).on_hover_text(COUNTS);
     });
     ui.add_space(4.0);
     let volumes = array.planes() > 1 || view.live.scene.as_ref().is_some_and(|scene| scene.value.set.planes() > 1);

@@ -13,6 +13,7 @@ pub mod mtf;
 pub mod optimize;
 pub mod parts;
 pub mod preview_banner;
+pub mod reconstruction;
 pub mod samples;
 pub mod scene;
 pub mod status_bar;

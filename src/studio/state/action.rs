@@ -24,6 +24,8 @@ pub enum Action {
     SaveAs,
     /// Opens objects.
     OpenObjects,
+    /// Opens the window that reconstructs a capture of a camera.
+    OpenCapture,
     /// Imports a PSF.
     ImportPsf,
     /// Fits lenslets to the PSF of a mask without lenslets.
@@ -164,6 +166,7 @@ impl Action {
             Self::Save,
             Self::SaveAs,
             Self::OpenObjects,
+            Self::OpenCapture,
             Self::ImportPsf,
             Self::FitLenslets,
             Self::ExportDesign,
@@ -210,6 +213,7 @@ impl Action {
             Self::Save => "Save design",
             Self::SaveAs => "Save design as...",
             Self::OpenObjects => "Open objects...",
+            Self::OpenCapture => "Open capture...",
             Self::ImportPsf => "Import PSF...",
             Self::FitLenslets => "Fit lenslets to this PSF",
             Self::ExportDesign => "Export design...",

@@ -99,13 +99,15 @@ mod tests {
 
     use super::*;
     use crate::forward::Design;
-    use crate::workbench::{Estimates, Live};
+    use crate::workbench::LiveResults;
 
     fn with_snapshots(count: usize) -> CompareState {
         let mut compare = CompareState::default();
         for _ in 0..count {
             let design = Arc::new(Design::default());
-            compare.snapshots.keep(&design, 1, &Live::default(), &Estimates::default()).unwrap();
+            let (live, estimates, reconstructions) = Default::default();
+            let results = LiveResults { live: &live, estimates: &estimates, reconstructions: &reconstructions };
+            compare.snapshots.keep(&design, 1, results).unwrap();
             compare.compare_new(compare.snapshots.entries.last().unwrap().number);
         }
         compare

@@ -1,5 +1,6 @@
 //! State of the dialogs in front of the window.
 
+use crate::studio::state::capture::CaptureDialog;
 use crate::studio::state::path_dialog::PathDialog;
 use crate::studio::state::transition::PendingTransition;
 
@@ -16,6 +17,8 @@ pub struct Dialogs {
     pub onboarding: Onboarding,
     /// The transition that waits for a confirmation.
     pub transition: Option<PendingTransition>,
+    /// The window of a capture.
+    pub capture: CaptureDialog,
     /// Whether the list of jobs is open.
     pub jobs_open: bool,
 }

@@ -88,6 +88,7 @@ Drag a panel by its tab. A double click on a tab, or Ctrl+M, maximizes it. *View
             Pane::Lenslets => "lenslets as numbers",
             Pane::Object => "one object",
             Pane::Measurement => "one measurement",
+            Pane::Reconstruction => "what a decoder makes of the measurement",
             Pane::Information => "bounds and Tamura coefficient",
             Pane::Scene => "objects and sensor",
             Pane::Optimize => "optimization runs",

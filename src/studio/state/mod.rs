@@ -2,6 +2,7 @@
 
 pub mod action;
 pub mod bound_summary;
+pub mod capture;
 pub mod compare;
 pub mod copied_numbers;
 pub mod dialogs;
@@ -17,6 +18,7 @@ pub mod pane;
 pub mod panel_states;
 pub mod path_dialog;
 pub mod preferences;
+pub mod reconstruction;
 pub mod request;
 pub mod samples;
 pub mod selection;

@@ -14,6 +14,8 @@ pub enum Pane {
     Object,
     /// One measurement.
     Measurement,
+    /// What a decoder makes of it.
+    Reconstruction,
     /// Objects and sensor.
     Scene,
     /// Information and Tamura coefficient.
@@ -48,11 +50,12 @@ impl From<Pane> for &'static str {
 
 impl Pane {
     /// All panels.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Mask,
         Self::Lenslets,
         Self::Object,
         Self::Measurement,
+        Self::Reconstruction,
         Self::Information,
         Self::Scene,
         Self::Optimize,
@@ -70,6 +73,7 @@ impl Pane {
             Self::Lenslets => "Lenslets",
             Self::Object => "Object",
             Self::Measurement => "Measurement",
+            Self::Reconstruction => "Reconstruction",
             Self::Scene => "Scene",
             Self::Information => "Information",
             Self::Mtf => "MTF",

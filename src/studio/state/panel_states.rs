@@ -15,7 +15,7 @@ pub struct Panels {
     pub selection: Selection,
     /// Mask.
     pub mask: MaskState,
-    /// Object and Measurement.
+    /// Object, Measurement and Reconstruction.
     pub samples: SamplesState,
     /// MTF.
     pub mtf: MtfState,

@@ -10,7 +10,17 @@ use crate::formats::path_text;
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+    RECONSTRUCTIONS_FILE,
 };
+
+/// One of the two files of a capture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CaptureFile {
+    /// The capture.
+    Measurement,
+    /// Photograph of the PSF.
+    Psf,
+}
 
 /// Purpose of a path.
 #[derive(Clone, Debug)]
@@ -23,6 +33,8 @@ pub enum PathPurpose {
     OpenObjects,
     /// Chooses images of a camera to estimate from.
     ChooseImages,
+    /// Chooses a file of a capture to reconstruct.
+    ChooseCapture(CaptureFile),
     /// Uses an image as the PSF.
     ImportPsf,
     /// Stores unsaved changes in a folder.
@@ -41,6 +53,13 @@ pub enum PathPurpose {
         limits: (f32, f32),
         /// Its colours.
         colormap: Colormap,
+    },
+    /// Writes the reconstruction of a capture; images of shape (rows, cols, channels).
+    ExportCapture {
+        /// The object.
+        object: Arc<Array3<f32>>,
+        /// The capture.
+        measurement: Arc<Array3<f32>>,
     },
     /// Writes an image of a panel.
     ExportPanel {
@@ -70,6 +89,9 @@ impl PathPurpose {
             Self::SaveAs => "Save design as".into(),
             Self::OpenObjects => "Open objects".into(),
             Self::ChooseImages => "Camera images".into(),
+            Self::ChooseCapture(CaptureFile::Measurement) => "Capture".into(),
+            Self::ChooseCapture(CaptureFile::Psf) => "PSF of the capture".into(),
+            Self::ExportCapture { .. } => "Export reconstruction".into(),
             Self::ImportPsf => "Import PSF".into(),
             Self::KeepUnsaved => "Folder for unsaved changes".into(),
             Self::ExportDesign => "Export design".into(),
@@ -90,6 +112,11 @@ impl PathPurpose {
                 "IDX (also .gz), CIFAR-10 .bin, NPY, NPZ or TIFF stack, an image, or a folder of images"
             }
             Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of images",
+            Self::ChooseCapture(CaptureFile::Measurement) => "An image of the camera (TIFF, PNG, JPEG, NPY), grey or colour",
+            Self::ChooseCapture(CaptureFile::Psf) => "A photograph of a point source by the same camera",
+            Self::ExportCapture { .. } => {
+                "A folder for reconstructions.npy, reconstruction-1.png and measurement-1.png; it is created if missing"
+            }
             Self::ImportPsf => "An image (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is created if missing"
@@ -118,7 +145,7 @@ impl PathPurpose {
     pub fn action(&self) -> &'static str {
         match self {
             Self::OpenDesign | Self::OpenObjects => "Open",
-            Self::ChooseImages => "Choose",
+            Self::ChooseImages | Self::ChooseCapture(_) => "Choose",
             Self::ImportPsf => "Import",
             Self::SaveAs => "Save",
             Self::KeepUnsaved => "Use",
@@ -129,14 +156,20 @@ impl PathPurpose {
     /// Dialog of the system for such paths.
     pub fn picker(&self) -> Picker {
         match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf => Picker::Open,
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::ChooseImages
+            | Self::ChooseCapture(_)
+            | Self::ImportPsf => Picker::Open,
             Self::SaveAs
             | Self::ExportView { .. }
             | Self::ExportPanel { .. }
             | Self::ExportRecord(_)
             | Self::ExportLive(_)
             | Self::ExportCurve { .. } => Picker::Save,
-            Self::ExportDesign | Self::ExportMeasurements | Self::KeepUnsaved => Picker::Folder,
+            Self::ExportDesign | Self::ExportMeasurements | Self::ExportCapture { .. } | Self::KeepUnsaved => {
+                Picker::Folder
+            }
         }
     }
 
@@ -149,9 +182,11 @@ impl PathPurpose {
             Self::OpenDesign
             | Self::OpenObjects
             | Self::ChooseImages
+            | Self::ChooseCapture(_)
             | Self::ImportPsf
             | Self::KeepUnsaved
             | Self::ExportDesign
+            | Self::ExportCapture { .. }
             | Self::ExportMeasurements => None,
         }
     }
@@ -160,12 +195,16 @@ impl PathPurpose {
     pub fn suggestion(&self, beside: Option<&Path>) -> String {
         let folder = beside.and_then(Path::parent).map_or_else(|| PathBuf::from("."), Path::to_path_buf);
         let name = match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ImportPsf | Self::KeepUnsaved => {
-                return String::new();
-            }
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::ChooseImages
+            | Self::ChooseCapture(_)
+            | Self::ImportPsf
+            | Self::KeepUnsaved => return String::new(),
             Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),
+            Self::ExportCapture { .. } => folder.join("capture"),
             Self::ExportView { name, .. } | Self::ExportPanel { name, .. } => {
                 folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
             }
@@ -235,6 +274,7 @@ impl PathQuestion {
         let mut files = match self.purpose {
             PathPurpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
             PathPurpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
+            PathPurpose::ExportCapture { .. } => vec![target.join(RECONSTRUCTIONS_FILE)],
             _ if self.purpose.extension().is_some() => vec![target],
             _ => Vec::new(),
         };

@@ -16,7 +16,7 @@ use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
 use crate::studio::state::preferences::RendererChoice;
 use crate::studio::state::transition::Transition;
 use crate::studio::widgets::number_field::Edit;
-use crate::workbench::{Activity, Command, FinishedEstimate, Job, Recovered};
+use crate::workbench::{Activity, CaptureOrder, Command, FinishedEstimate, Job, Recovered};
 
 /// A request of a panel or a dialog. It is served when that is drawn, in the same frame.
 pub enum Request {
@@ -48,6 +48,12 @@ pub enum Request {
     Estimates(EstimatesRequest),
     /// Inspects the shown measurement: spectrum, information map.
     Inspect,
+    /// Reconstructs the shown measurement.
+    Reconstruct,
+    /// Reconstructs a capture of a camera.
+    ReconstructCapture(CaptureOrder),
+    /// Stops that.
+    StopCapture,
     /// Submits a job.
     Submit(Job),
     /// Stops a job.
@@ -118,7 +124,7 @@ pub enum EstimatesRequest {
 pub enum Setting {
     /// Whether live estimates are computed.
     Live(bool),
-    /// Whether zoom and cursor of object and measurement are linked.
+    /// Whether zoom and cursor of object, measurement and reconstruction are linked.
     LinkViews(bool),
     /// Number of compute threads; one per core if none is chosen.
     Threads(Option<usize>),

@@ -1,4 +1,4 @@
-//! State of the Object and Measurement panels: the shown sample, both images, their linked zoom and cursor.
+//! State of the Object, Measurement and Reconstruction panels: the shown sample, the images, their linked zoom and cursor.
 
 use egui::TextureHandle;
 use ndarray::{ArrayView2, Axis, CowArray, Ix2};
@@ -6,14 +6,17 @@ use ndarray::{ArrayView2, Axis, CowArray, Ix2};
 use crate::evaluation::{Measurements, Scene};
 use crate::sensor::field_offset;
 use crate::studio::canvas::image_view::ImageView;
-use crate::workbench::{Colormap, InspectionKey, Live};
+use crate::studio::state::reconstruction::ReconstructionState;
+use crate::workbench::{Colormap, InspectionKey, Live, ReconstructionKey};
 
-/// State of the Object and Measurement panels.
+/// State of the Object, Measurement and Reconstruction panels.
 pub struct SamplesState {
     /// One object.
     pub object: ImageView,
     /// Its measurement.
     pub measurement: ImageView,
+    /// What a decoder makes of that.
+    pub reconstruction: ReconstructionState,
     /// The shown sample.
     pub shown: ShownSample,
     /// Position of the pointer in one of the images.
@@ -36,6 +39,7 @@ impl Default for SamplesState {
         Self {
             object: ImageView::new("Object", "photons", Colormap::Gray),
             measurement: ImageView::new("Measurement", "photons", Colormap::Gray),
+            reconstruction: ReconstructionState::default(),
             shown: ShownSample { index: 0, noisy: true },
             cursor: None,
             overlay: InformationOverlay::default(),
@@ -49,6 +53,7 @@ impl SamplesState {
         match side {
             Side::Object => &self.object,
             Side::Measurement => &self.measurement,
+            Side::Reconstruction => self.reconstruction.view(),
         }
     }
 
@@ -56,12 +61,13 @@ impl SamplesState {
         match side {
             Side::Object => &mut self.object,
             Side::Measurement => &mut self.measurement,
+            Side::Reconstruction => self.reconstruction.view_mut(),
         }
     }
 
-    /// Copies the viewport of one image to the other; `offset` leads from its pixel coordinates (x, y) to those of the other.
-    pub fn copy_viewport(&mut self, from: Side, offset: (f64, f64)) {
-        self.image_mut(from.other()).viewport = self.image(from).viewport.shifted(offset);
+    /// Copies the viewport of one image to another; `offset` leads from its pixel coordinates (x, y) to those of the other.
+    pub fn copy_viewport(&mut self, from: Side, to: Side, offset: (f64, f64)) {
+        self.image_mut(to).viewport = self.image(from).viewport.shifted(offset);
     }
 
     /// Moves the cursor to a place (x, y) in an image, or away from that image. Returns whether it has moved.
@@ -75,38 +81,51 @@ impl SamplesState {
         before.map(place_of) != self.cursor.map(place_of)
     }
 
-    /// The cursor of the other image, if that was drawn in this egui pass or the one before.
+    /// The cursor of another image, if that was drawn in this egui pass or the one before.
     pub fn cursor_of_other(&self, side: Side, pass: u64) -> Option<CursorPlace> {
         self.cursor.filter(|cursor| cursor.side != side && cursor.pass + 1 >= pass)
     }
+
+    /// Key of the reconstruction that belongs to the shown sample, for a design of this revision.
+    pub fn reconstruction_key(&self, revision: u64) -> ReconstructionKey {
+        let ShownSample { index, noisy } = self.shown;
+        ReconstructionKey { revision, sample: index, noisy, decoder: self.reconstruction.decoder }
+    }
 }
 
-/// One of the two linked images.
+/// One of the linked images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The object.
     Object,
     /// Its measurement.
     Measurement,
+    /// The reconstructed object.
+    Reconstruction,
 }
 
 impl Side {
-    /// The other side.
-    pub fn other(self) -> Self {
+    /// The other sides.
+    pub fn others(self) -> [Self; 2] {
         match self {
-            Self::Object => Self::Measurement,
-            Self::Measurement => Self::Object,
+            Self::Object => [Self::Measurement, Self::Reconstruction],
+            Self::Measurement => [Self::Object, Self::Reconstruction],
+            Self::Reconstruction => [Self::Object, Self::Measurement],
         }
     }
 
-    /// Offset (x, y) from pixel coordinates of this image to those of the other.
-    pub fn offset_to_other(self, live: &Live) -> Option<(f64, f64)> {
+    /// Offset (x, y) from pixel coordinates of this image to those of another.
+    pub fn offset_to(self, other: Self, live: &Live) -> Option<(f64, f64)> {
+        let is_measured = [self, other].map(|side| side == Self::Measurement);
+        if is_measured[0] == is_measured[1] {
+            return Some((0.0, 0.0));
+        }
         let (_, _, rows, cols) = live.scene.as_ref()?.value.objects.dim();
         let (_, measured_rows, measured_cols) = live.measurements.as_ref()?.value.noisy.dim();
         // A stale measurement may have another shape.
         let psf = ((rows + 1).checked_sub(measured_rows)?, (cols + 1).checked_sub(measured_cols)?);
         let (by_row, by_col) = field_offset(psf);
-        let sign = if self == Self::Object { -1.0 } else { 1.0 };
+        let sign = if is_measured[0] { 1.0 } else { -1.0 };
         Some((sign * by_col as f64, sign * by_row as f64))
     }
 }
@@ -184,7 +203,9 @@ mod tests {
         let fit = Rect::from_min_size(pos2(0.0, 0.0), vec2(320.0, 320.0));
         let zoomed = samples.object.viewport.zoomed(4.0, pos2(100.0, 200.0), fit, (64, 64));
         samples.object.viewport = zoomed;
-        samples.copy_viewport(Side::Object, (-4.0, -5.0));
+        samples.copy_viewport(Side::Object, Side::Measurement, (-4.0, -5.0));
+        samples.copy_viewport(Side::Object, Side::Reconstruction, (0.0, 0.0));
+        assert_eq!(samples.reconstruction.view().viewport, zoomed);
         let (x, y) = zoomed.centre((64, 64));
         assert_eq!(samples.measurement.viewport.zoom(), 4.0);
         let (other_x, other_y) = samples.measurement.viewport.centre((64, 64));

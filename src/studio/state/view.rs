@@ -13,7 +13,8 @@ use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{
-    Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord, Revisioned, RunStatus,
+    CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord, Reconstructions, Revisioned,
+    RunStatus,
 };
 
 /// What panels and dialogs read of the window, beside their own state. They change it by requests alone.
@@ -40,6 +41,10 @@ pub struct View<'a> {
     pub live: &'a Live,
     /// Longer estimates as of this frame.
     pub estimates: &'a Estimates,
+    /// Reconstructions as of this frame.
+    pub reconstructions: &'a Reconstructions,
+    /// The newest capture of a camera as of this frame.
+    pub capture: Option<&'a CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
     pub run: Option<&'a DesignRun>,
     /// Key of the last requested inspection of the shown measurement.
@@ -179,6 +184,7 @@ mod tests {
         revision: u64,
         live: Live,
         estimates: Estimates,
+        reconstructions: Reconstructions,
         locks: Locks,
         preferences: Preferences,
         palettes: ColourPalettes,
@@ -199,6 +205,8 @@ mod tests {
                 is_live: true,
                 live: &self.live,
                 estimates: &self.estimates,
+                reconstructions: &self.reconstructions,
+                capture: None,
                 run: None,
                 inspected: None,
                 locks: &self.locks,

@@ -23,6 +23,8 @@ pub enum ActivityKind {
     Objects,
     /// An estimate that was ordered.
     Estimate,
+    /// The reconstruction of a capture.
+    Capture,
     /// A run that optimizes the mask.
     Run,
 }
@@ -159,7 +161,7 @@ impl Activities {
         lock(&self.0).entries.clone()
     }
 
-    /// Estimates and runs that ended since the last call, oldest first.
+    /// Estimates, captures and runs that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         std::mem::take(&mut lock(&self.0).ended)
     }
@@ -174,7 +176,7 @@ impl Activities {
             let activity = Arc::make_mut(entry);
             activity.took = Some(activity.began.elapsed());
             activity.left = None;
-            if matches!(activity.kind, ActivityKind::Estimate | ActivityKind::Run) {
+            if matches!(activity.kind, ActivityKind::Estimate | ActivityKind::Capture | ActivityKind::Run) {
                 ended.push(Arc::clone(entry));
             }
         }

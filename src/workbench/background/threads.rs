@@ -41,6 +41,8 @@ pub(crate) enum Work {
     Computation,
     /// The live estimate, and those that take longer.
     Estimate,
+    /// What a decoder makes of measurements.
+    Reconstruction,
     /// A run that optimizes a mask.
     Run,
 }
@@ -51,16 +53,18 @@ impl Work {
         match self {
             Self::Computation => "computation",
             Self::Estimate => "estimate",
+            Self::Reconstruction => "reconstruction",
             Self::Run => "run",
         }
     }
 
-    /// Priority from 0, the least, to 99. Every system with priorities puts all three below its usual one; their distances depend on the
+    /// Priority from 0, the least, to 99. Every system with priorities puts all of them below its usual one; their distances depend on the
     /// system.
     fn priority(self) -> u8 {
         match self {
             Self::Computation => 29,
             Self::Estimate => 22,
+            Self::Reconstruction => 19,
             Self::Run => 16,
         }
     }
@@ -148,9 +152,10 @@ mod tests {
         if here != 0 {
             return eprintln!("not looked into: these tests give way to others themselves");
         }
-        let [edit, estimate, run] = [Work::Computation, Work::Estimate, Work::Run]
-            .map(|work| SpareCores::new(work, Threads::default()).run(nice).unwrap());
-        assert!(here < edit && edit < estimate && estimate < run, "{here} {edit} {estimate} {run}");
+        let works = [Work::Computation, Work::Estimate, Work::Reconstruction, Work::Run];
+        let mut nices = vec![here];
+        nices.extend(works.map(|work| SpareCores::new(work, Threads::default()).run(nice).unwrap()));
+        assert!(nices.is_sorted_by(|one, other| one < other), "{nices:?}");
         assert_eq!(nice(), here);
     }
 }

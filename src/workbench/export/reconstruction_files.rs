@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array3, ArrayView2, ArrayView3, ArrayViewD, Zip};
+use ndarray::{Array3, ArrayView2, ArrayView3, ArrayViewD, Axis, Zip};
 
 use crate::formats::{self, ArrayWriter, CompleteFile};
 use crate::workbench::export::colormap::Colormap;
@@ -87,7 +87,7 @@ impl ReconstructionWriter {
         let white = white_of(image);
         let file = match image.shape()[2] {
             3 => formats::complete_png_rgb(&path, levels(image, white).view())?,
-            _ => formats::complete_png8(&path, image.index_axis(ndarray::Axis(2), 0), 0.0, white)?,
+            _ => formats::complete_png8(&path, image.index_axis(Axis(2), 0), 0.0, white)?,
         };
         self.images.push((path, file));
         Ok(())
@@ -113,6 +113,31 @@ impl ReconstructionWriter {
         }
         Ok(files)
     }
+}
+
+/// Writes the reconstruction of a capture as `reconstructions.npy` and `reconstruction-1.png`, and the capture as `measurement-1.png`;
+/// images of shape (rows, cols, channels).
+///
+/// # Errors
+/// As [`ReconstructionWriter::finish`].
+pub(crate) fn export_capture(
+    folder: &Path,
+    object: ArrayView3<'_, f32>,
+    measurement: ArrayView3<'_, f32>,
+) -> Result<Vec<PathBuf>, ExportError> {
+    let frame = object.insert_axis(Axis(0));
+    // A single channel has no axis.
+    let frame = if frame.len_of(Axis(3)) == 1 { frame.index_axis_move(Axis(3), 0).into_dyn() } else { frame.into_dyn() };
+    let mut writer = ReconstructionWriter::create(folder, frame.shape())?;
+    writer.append(frame)?;
+    writer.image("reconstruction-1", object)?;
+    writer.image("measurement-1", measurement)?;
+    writer.finish()
+}
+
+/// Levels of 0 to 255 of an image of shape (rows, cols, channels), as its file has them. The brightest pixels are white.
+pub fn colour_levels(image: ArrayView3<'_, f32>) -> Array3<u8> {
+    levels(image, white_of(image))
 }
 
 /// Value that most pixels do not reach.

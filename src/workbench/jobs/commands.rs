@@ -12,6 +12,8 @@ use crate::evaluation::request::{DensityModel, EstimateRequest};
 use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
+use crate::reconstruction::{DarkLevel, DecoderKind};
+use crate::workbench::captures::queue::CaptureOrder;
 use crate::workbench::runs::segment_lengths;
 
 /// Longest JSON of a design in a command line, bytes.
@@ -32,6 +34,37 @@ pub fn bounds_command(design: &Design) -> Result<String, String> {
 /// As [`bounds_command`].
 pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<String, String> {
     with_design("estimate", "--mask", design, &estimate_flags(request))
+}
+
+/// Command that tests a decoder on objects of a design.
+///
+/// # Errors
+/// As [`bounds_command`].
+pub fn reconstruct_command(design: &Design, decoder: DecoderKind, test_objects: usize) -> Result<String, String> {
+    let decoder = name_of(decoder);
+    with_design("reconstruct", "--mask", design, &format!("--decoder {decoder} --test {test_objects} --json"))
+}
+
+/// Command that reconstructs a capture; it writes into the folder `capture`.
+pub fn capture_command(CaptureOrder { files, decoder }: &CaptureOrder) -> String {
+    let file = |path: &Path| {
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+        quoted(&path.display().to_string())
+    };
+    let dark = match &files.dark {
+        None => String::new(),
+        Some(DarkLevel::Constant(level)) => format!(" --dark={level}"),
+        Some(DarkLevel::File(path)) => format!(" --dark {}", file(path)),
+    };
+    let (measurement, psf, bin, decoder) = (file(&files.measurement), file(&files.psf), files.bin, name_of(*decoder));
+    format!(
+        "lenslet-studio reconstruct --measurement {measurement} --psf {psf}{dark} --bin {bin} --decoder {decoder} --out capture"
+    )
+}
+
+/// Name of a decoder on the command line.
+fn name_of(decoder: DecoderKind) -> String {
+    serde_json::to_value(decoder).ok().and_then(|name| name.as_str().map(String::from)).unwrap_or_default()
 }
 
 /// Command for an estimate of images of a camera, with the noise and the seed of a design.
@@ -166,6 +199,7 @@ mod tests {
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
+    use crate::reconstruction::CaptureFiles;
 
     fn request(model: DensityModel) -> EstimateRequest {
         EstimateRequest { model, ..EstimateRequest::default() }
@@ -180,6 +214,9 @@ mod tests {
         assert!(text.contains("--estimator bracket --patch 32x32 --budget 90s"), "{text}");
         let text = estimate_command(&design, &request(model.of_steps(700))).unwrap();
         assert!(text.contains("--steps 700") && !text.contains("--budget"), "{text}");
+        let text = reconstruct_command(&design, DecoderKind::TotalVariation, 64).unwrap();
+        assert!(text.starts_with("lenslet-studio reconstruct --mask heuristic:9 "), "{text}");
+        assert!(text.ends_with(" --decoder tv --test 64 --json"), "{text}");
         design.objects = ObjectSource::Stack("here.npy".into());
         let text = bounds_command(&design).unwrap();
         assert!(text.contains("--objects stack:/"), "a path that means the same in every folder: {text}");
@@ -193,6 +230,16 @@ mod tests {
         let text = images_command(&order, &request(model), &Design::default());
         let head = "lenslet-studio estimate --measurements '/data/a b.npy' --gain 0.5 --offset=-3 --bin 2 --noise shot --seed 1";
         assert!(text.starts_with(head) && text.contains("--estimator causal --patch 32x32 --budget 90s"), "{text}");
+    }
+
+    #[test]
+    fn commands_name_captures() {
+        let dark = Some(DarkLevel::Constant(-3.0));
+        let files = CaptureFiles { measurement: "/data/a b.tif".into(), psf: "/data/psf.tif".into(), dark, bin: 4 };
+        let text = capture_command(&CaptureOrder { files, decoder: DecoderKind::TotalVariation });
+        let expected = "lenslet-studio reconstruct --measurement '/data/a b.tif' --psf /data/psf.tif --dark=-3 --bin 4 \
+                        --decoder tv --out capture";
+        assert_eq!(text, expected);
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::plural::counted;
 use crate::progress::CancelToken;
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
+use crate::workbench::export::reconstruction_files;
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::workbench::live::record::LiveRecord;
 use crate::workbench::runs::IdealRecord;
@@ -101,6 +102,15 @@ pub enum Job {
         colormap: Colormap,
         /// The file.
         path: PathBuf,
+    },
+    /// Writes the reconstruction of a capture into a folder; images of shape (rows, cols, channels).
+    ExportCapture {
+        /// The object.
+        object: Arc<Array3<f32>>,
+        /// The capture.
+        measurement: Arc<Array3<f32>>,
+        /// The folder.
+        folder: PathBuf,
     },
     /// Writes a coloured image.
     ExportImage {
@@ -246,6 +256,7 @@ impl Job {
             Self::FitLenslets { encoder, .. } => format!("Fit lenslets to {}", encoder.describe()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
+            Self::ExportCapture { folder, .. } => format!("Export reconstruction to {}", folder.display()),
             Self::ExportView { path, .. }
             | Self::ExportImage { path, .. }
             | Self::ExportRecord { path, .. }
@@ -305,6 +316,10 @@ impl Job {
             Self::ExportView { image, limits, colormap, path } => {
                 colormap.write_png(image.view(), *limits, path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::ExportCapture { object, measurement, folder } => {
+                let files = reconstruction_files::export_capture(folder, object.view(), measurement.view());
+                Ok(Outcome::Exported { files: files.map_err(|error| error.to_string())? })
             }
             Self::ExportImage { image, path } => {
                 write_png_rgb(path, image.view()).map_err(|error| error.to_string())?;

@@ -1,6 +1,7 @@
 //! Snapshots: designs that were put aside for comparison, with their numbers.
 
 mod numbers;
+mod table;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,18 +10,14 @@ use std::time::{Duration, Instant};
 use ndarray::{Array2, Axis};
 use serde::{Deserialize, Serialize};
 
-use crate::design::merged;
 use crate::evaluation::scene::Optics;
 use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, create_folder};
 use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
-use crate::workbench::estimates::queue::Estimates;
-use crate::workbench::export::design_files::Curve;
-use crate::workbench::live::published::Live;
 
-pub use numbers::{Bits, SnapshotNumbers};
+pub use numbers::{Bits, LiveResults, SnapshotNumbers, SnapshotReconstruction};
 
 /// Least time between two writings of changed numbers.
 const WRITE_EVERY: Duration = Duration::from_secs(3);
@@ -112,10 +109,10 @@ impl Snapshot {
         }
     }
 
-    fn take_up(&mut self, live: &Live, estimates: &Estimates) {
+    fn take_up(&mut self, results: LiveResults<'_>) {
         let Some(revision) = self.revision else { return };
         let before = self.numbers.clone();
-        self.sync_numbers(revision, live, estimates);
+        self.sync_numbers(revision, results);
         if self.numbers != before {
             self.changed = self.changed.max(Change::Numbers);
         }
@@ -147,7 +144,8 @@ impl Snapshot {
         self.revision = Some(revision);
     }
 
-    fn sync_numbers(&mut self, revision: u64, live: &Live, estimates: &Estimates) {
+    fn sync_numbers(&mut self, revision: u64, results: LiveResults<'_>) {
+        let live = results.live;
         if let Some(optics) = live.optics.as_ref().filter(|optics| optics.revision == revision) {
             self.optics = Some(Arc::clone(&optics.value));
         }
@@ -161,7 +159,7 @@ impl Snapshot {
         {
             self.measurement = Some(Ok(measurements.value.noisy.index_axis(Axis(0), 0).to_owned()));
         }
-        self.numbers.take_up((&self.design, revision), live, estimates);
+        self.numbers.take_up((&self.design, revision), results);
     }
 }
 
@@ -207,13 +205,7 @@ impl Snapshots {
     ///
     /// # Errors
     /// One sentence where there are too many snapshots.
-    pub fn keep(
-        &mut self,
-        design: &Arc<Design>,
-        revision: u64,
-        live: &Live,
-        estimates: &Estimates,
-    ) -> Result<(), String> {
+    pub fn keep(&mut self, design: &Arc<Design>, revision: u64, results: LiveResults<'_>) -> Result<(), String> {
         if self.entries.len() >= Self::MOST {
             return Err(format!("{} designs are put aside; delete some before you keep another", Self::MOST));
         }
@@ -232,7 +224,7 @@ impl Snapshots {
             measurement: None,
             numbers: SnapshotNumbers::default(),
         };
-        snapshot.take_up(live, estimates);
+        snapshot.take_up(results);
         self.entries.push(snapshot);
         Ok(())
     }
@@ -327,8 +319,8 @@ impl Snapshots {
     }
 
     /// Updates the numbers of snapshots that are still open.
-    pub fn take_up(&mut self, live: &Live, estimates: &Estimates) {
-        self.entries.iter_mut().for_each(|snapshot| snapshot.take_up(live, estimates));
+    pub fn take_up(&mut self, results: LiveResults<'_>) {
+        self.entries.iter_mut().for_each(|snapshot| snapshot.take_up(results));
     }
 
     /// The snapshot of this number.
@@ -353,56 +345,6 @@ impl Snapshots {
             snapshot.measurement = Some(measurement);
         }
     }
-
-    /// All numbers as a table; scenes are numbered in the order of the designs.
-    pub fn table(&self) -> Curve {
-        let header = [
-            "lenslets",
-            "effective_lenslets",
-            "live_estimate_bits_per_pixel",
-            "live_low_bits_per_pixel",
-            "live_high_bits_per_pixel",
-            "gaussian_bound_bits_per_pixel",
-            "gaussian_is_bound",
-            "ceiling_bits_per_pixel",
-            "lower_bound_bits_per_pixel",
-            "lower_bound_low_bits_per_pixel",
-            "lower_bound_high_bits_per_pixel",
-            "upper_bound_bits_per_pixel",
-            "upper_bound_low_bits_per_pixel",
-            "upper_bound_high_bits_per_pixel",
-            "sensor_tamura",
-            "scene",
-        ];
-        let scenes = self.scenes();
-        let known = |value: Option<f64>| value.unwrap_or(f64::NAN);
-        let three = |bits: Option<Bits>| {
-            bits.map_or([f64::NAN; 3], |Bits { bits, interval_95: [low, high] }| [bits, low, high])
-        };
-        let row = |snapshot: &Snapshot| {
-            let array = snapshot.design.encoder.lenslets();
-            let mut row = vec![
-                known(array.map(|array| array.lenslets.len() as f64)),
-                known(array.map(|array| merged(array).effective_count())),
-            ];
-            row.extend(three(snapshot.numbers.live.map(|live| live.0)));
-            row.push(known(snapshot.numbers.gaussian.map(|bound| bound.bits)));
-            row.push(f64::from(u8::from(snapshot.gaussian_is_bound())));
-            row.push(known(snapshot.numbers.ceiling));
-            row.extend(three(snapshot.numbers.lower));
-            row.extend(three(snapshot.upper()));
-            row.push(known(snapshot.numbers.tamura));
-            row.push(
-                scenes.iter().position(|known| *known == snapshot.scene).map_or(f64::NAN, |scene| (scene + 1) as f64),
-            );
-            row
-        };
-        Curve {
-            names: self.entries.iter().map(|snapshot| snapshot.name.clone()).collect(),
-            header: header.map(String::from).to_vec(),
-            rows: self.entries.iter().map(row).collect(),
-        }
-    }
 }
 
 #[cfg(test)]
@@ -415,7 +357,9 @@ mod tests {
         let start = Instant::now();
         assert_eq!(snapshots.due(start), None);
         for count in 1..=2 {
-            snapshots.keep(&Arc::new(Design::default()), 1, &Live::default(), &Estimates::default()).unwrap();
+            let (live, estimates, reconstructions) = Default::default();
+            let results = LiveResults { live: &live, estimates: &estimates, reconstructions: &reconstructions };
+            snapshots.keep(&Arc::new(Design::default()), 1, results).unwrap();
             assert_eq!((snapshots.changes(start, false).len(), snapshots.entries.len()), (1, count));
         }
         assert_eq!(snapshots.due(start), None);

@@ -1,4 +1,4 @@
-//! Linked zoom and cursor of object and measurement.
+//! Linked zoom and cursor of object, measurement and reconstruction.
 
 use egui::Ui;
 use ndarray::ArrayView2;
@@ -9,12 +9,13 @@ use crate::studio::state::request::{Request, Setting};
 use crate::studio::state::samples::{CursorPlace, SamplesState, Side, measurement_of, object_of};
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::Live;
 
 /// Shows the switch.
 pub fn switch(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: &mut Vec<Request>) {
     let mut linked = view.preferences.link_views;
-    let response = ui.checkbox(&mut linked, "Link").on_hover_text("Links zoom and cursor of object and measurement");
+    let response = ui
+        .checkbox(&mut linked, "Link")
+        .on_hover_text("Links zoom and cursor of object, measurement and reconstruction");
     name_widget(&response, "Link views");
     if response.clicked() {
         requests.push(Request::Set(Setting::LinkViews(linked)));
@@ -24,7 +25,7 @@ pub fn switch(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests
     }
 }
 
-/// Updates the other image after an image was drawn. Returns the values under the pointer.
+/// Updates the other images after an image was drawn. Returns the values under the pointer.
 pub fn update(
     ui: &Ui,
     samples: &mut SamplesState,
@@ -41,7 +42,7 @@ pub fn update(
     let pointer = shown.response.hover_pos().filter(|_| shown.response.hovered() || shown.response.dragged());
     let place = pointer.map(|position| shown.placement.to_pixels(position));
     if samples.move_cursor(side, place, pass) && linked {
-        // The other image may be drawn already.
+        // The other images may be drawn already.
         ui.ctx().request_repaint();
     }
     if linked && let Some(cursor) = samples.cursor_of_other(side, pass) {
@@ -49,11 +50,12 @@ pub fn update(
     }
     let place = place?;
     let value = samples.image(side).describe_pixel(image, place)?;
-    let other = linked.then(|| value_of_other(samples, view.live, side, place)).flatten();
-    Some(other.map_or(value.clone(), |other| format!("{value}   {other}")))
+    let others = side.others().into_iter().filter(|_| linked);
+    let values = others.filter_map(|other| value_of_other(samples, view, (side, place), other));
+    Some(std::iter::once(value).chain(values).collect::<Vec<_>>().join("   "))
 }
 
-/// Copies the viewport to the other image if both are linked.
+/// Copies the viewport to the other images if they are linked.
 pub fn sync_viewports(ui: &Ui, samples: &mut SamplesState, view: &View<'_>, side: Side) {
     if view.preferences.link_views {
         copy_viewport(ui, samples, view, side);
@@ -61,30 +63,43 @@ pub fn sync_viewports(ui: &Ui, samples: &mut SamplesState, view: &View<'_>, side
 }
 
 fn copy_viewport(ui: &Ui, samples: &mut SamplesState, view: &View<'_>, side: Side) {
-    if let Some(offset) = side.offset_to_other(view.live) {
-        samples.copy_viewport(side, offset);
-        ui.ctx().request_repaint();
+    for other in side.others() {
+        if let Some(offset) = side.offset_to(other, view.live) {
+            samples.copy_viewport(side, other, offset);
+            ui.ctx().request_repaint();
+        }
     }
 }
 
-/// The value at the same position of the other image.
-fn value_of_other(samples: &SamplesState, live: &Live, side: Side, (x, y): (f64, f64)) -> Option<String> {
-    let by = side.offset_to_other(live)?;
+/// The value of another image at the same position as a place (x, y) of an image.
+fn value_of_other(
+    samples: &SamplesState,
+    view: &View<'_>,
+    (side, (x, y)): (Side, (f64, f64)),
+    other: Side,
+) -> Option<String> {
+    let by = side.offset_to(other, view.live)?;
     let place = (x + by.0, y + by.1);
-    match side.other() {
+    match other {
         Side::Object => {
-            let object = object_of(&live.scene.as_ref()?.value, samples.shown.index);
+            let object = object_of(&view.live.scene.as_ref()?.value, samples.shown.index);
             samples.object.describe_pixel(object.view(), place)
         }
         Side::Measurement => {
-            let image = measurement_of(&live.measurements.as_ref()?.value, samples.shown);
+            let image = measurement_of(&view.live.measurements.as_ref()?.value, samples.shown);
             let value = samples.measurement.describe_pixel(image, place);
             Some(value.unwrap_or_else(|| "outside the field of view".into()))
+        }
+        Side::Reconstruction => {
+            let key = samples.reconstruction_key(view.revision);
+            let shown = view.reconstructions.shown.as_ref().filter(|shown| shown.key == key)?;
+            let values = samples.reconstruction.values_of(shown);
+            samples.reconstruction.view().describe_pixel(values.view(), place)
         }
     }
 }
 
-/// Draws a cross hair at the pointer position of the other image.
+/// Draws a cross hair at the pointer position of another image.
 fn draw(
     ui: &Ui,
     samples: &SamplesState,
@@ -94,7 +109,7 @@ fn draw(
     shown: &Shown,
     (rows, cols): (usize, usize),
 ) {
-    let Some(by) = cursor.side.offset_to_other(view.live) else { return };
+    let Some(by) = cursor.side.offset_to(side, view.live) else { return };
     let (x, y) = (cursor.place.0 + by.0, cursor.place.1 + by.1);
     let inside = |value: f64, count: usize| (-0.5..count as f64 - 0.5).contains(&value);
     if !(inside(x, cols) && inside(y, rows)) {

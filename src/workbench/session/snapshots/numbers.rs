@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
 use crate::information::{Bracket, Estimator, NamedBound, Protocol};
+use crate::reconstruction::DecoderKind;
 use crate::workbench::estimates::queue::Estimates;
 use crate::workbench::live::published::Live;
+use crate::workbench::reconstructions::queue::{Reconstructions, SetQuality};
 
 /// Bits per pixel with their 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,6 +25,42 @@ impl Bits {
     pub fn half_width(&self) -> f64 {
         0.5 * (self.interval_95[1] - self.interval_95[0])
     }
+}
+
+/// PSNR of a decoder on a test set, with its 95 % interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SnapshotReconstruction {
+    /// The decoder.
+    pub decoder: DecoderKind,
+    /// PSNR, dB.
+    pub psnr_db: f64,
+    /// Its interval.
+    pub interval_95: [f64; 2],
+    /// Number of test objects.
+    pub test_objects: usize,
+}
+
+impl SnapshotReconstruction {
+    fn of(set: &SetQuality) -> Self {
+        let quality = &set.quality;
+        Self {
+            decoder: quality.decoder,
+            psnr_db: quality.psnr_db,
+            interval_95: quality.psnr_db_interval_95,
+            test_objects: quality.test_objects,
+        }
+    }
+}
+
+/// Results of the open design that numbers of snapshots are taken from.
+#[derive(Clone, Copy)]
+pub struct LiveResults<'a> {
+    /// Results of the worker.
+    pub live: &'a Live,
+    /// Longer estimates.
+    pub estimates: &'a Estimates,
+    /// Reconstructions.
+    pub reconstructions: &'a Reconstructions,
 }
 
 /// Numbers of a design, in bits per pixel except for the Tamura coefficient.
@@ -51,6 +89,9 @@ pub struct SnapshotNumbers {
     /// Smallest upper bound by finished estimates of 32 x 32 px patches.
     #[serde(default)]
     pub fitted: Option<Bits>,
+    /// PSNR of every decoder that was chosen while the design was open.
+    #[serde(default)]
+    pub reconstructions: Vec<SnapshotReconstruction>,
 }
 
 impl SnapshotNumbers {
@@ -65,8 +106,26 @@ impl SnapshotNumbers {
         others
     }
 
+    /// Replaces the number of a decoder, unless the known one is of more test objects.
+    fn note_reconstruction(&mut self, newest: SnapshotReconstruction) {
+        match self.reconstructions.iter_mut().find(|known| known.decoder == newest.decoder) {
+            Some(known) if known.test_objects > newest.test_objects => {}
+            Some(known) => *known = newest,
+            None => self.reconstructions.push(newest),
+        }
+    }
+
+    /// PSNR of a decoder, where it is known.
+    pub fn reconstruction_by(&self, decoder: DecoderKind) -> Option<&SnapshotReconstruction> {
+        self.reconstructions.iter().find(|known| known.decoder == decoder)
+    }
+
     /// Updates the numbers of the open design, of this revision.
-    pub(crate) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), live: &Live, estimates: &Estimates) {
+    pub(crate) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), results: LiveResults<'_>) {
+        let LiveResults { live, estimates, reconstructions } = results;
+        if let Some(set) = reconstructions.set.as_ref().filter(|set| set.revision == revision) {
+            self.note_reconstruction(SnapshotReconstruction::of(set));
+        }
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {
             self.tamura = Some(measurements.value.tamura.mean);
         }

@@ -1,0 +1,110 @@
+//! State of the Reconstruction panel.
+
+use crate::reconstruction::DecoderKind;
+use crate::studio::canvas::image_view::ImageView;
+use crate::workbench::{Colormap, Reconstruction};
+
+use ndarray::{ArrayView2, CowArray, Ix2};
+
+/// Objects of the test set.
+pub const TEST_OBJECTS: usize = 64;
+
+/// State of the Reconstruction panel.
+pub struct ReconstructionState {
+    /// The decoder.
+    pub decoder: DecoderKind,
+    /// What is shown.
+    shown: ShownQuantity,
+    object: ImageView,
+    error: ImageView,
+    uncertainty: ImageView,
+}
+
+/// What is shown of a reconstruction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum ShownQuantity {
+    /// The reconstructed object.
+    #[default]
+    Object,
+    /// Object minus reconstruction.
+    Error,
+    /// Posterior standard deviation.
+    Uncertainty,
+}
+
+impl Default for ReconstructionState {
+    fn default() -> Self {
+        Self {
+            decoder: DecoderKind::default(),
+            shown: ShownQuantity::Object,
+            object: ImageView::new("Reconstruction", "photons", Colormap::Gray),
+            error: ImageView::new("Reconstruction error", "photons", Colormap::Diverging),
+            uncertainty: ImageView::new("Reconstruction uncertainty", "photons", Colormap::Viridis),
+        }
+    }
+}
+
+impl ReconstructionState {
+    /// What is shown.
+    pub fn shown(&self) -> ShownQuantity {
+        self.shown
+    }
+
+    /// Shows another quantity, with the same zoom.
+    pub fn show(&mut self, shown: ShownQuantity) {
+        let viewport = self.view().viewport;
+        self.shown = shown;
+        self.view_mut().viewport = viewport;
+    }
+
+    /// The image on view.
+    pub fn view(&self) -> &ImageView {
+        match self.shown {
+            ShownQuantity::Object => &self.object,
+            ShownQuantity::Error => &self.error,
+            ShownQuantity::Uncertainty => &self.uncertainty,
+        }
+    }
+
+    /// The image on view, to change it.
+    pub fn view_mut(&mut self) -> &mut ImageView {
+        match self.shown {
+            ShownQuantity::Object => &mut self.object,
+            ShownQuantity::Error => &mut self.error,
+            ShownQuantity::Uncertainty => &mut self.uncertainty,
+        }
+    }
+
+    /// The values on view, shape (rows, cols), photons per pixel; the object where there is no uncertainty.
+    pub fn values_of<'a>(&self, reconstruction: &'a Reconstruction) -> CowArray<'a, f32, Ix2> {
+        match (self.shown, &reconstruction.standard_deviation) {
+            (ShownQuantity::Error, _) => reconstruction.error().into(),
+            (ShownQuantity::Uncertainty, Some(deviation)) => deviation.view().into(),
+            _ => reconstruction.object.view().into(),
+        }
+    }
+
+    /// Centres the display range of the error on 0.
+    pub fn centre_error(&mut self, error: ArrayView2<'_, f32>) {
+        let finite = error.iter().copied().filter(|value| value.is_finite());
+        let most = finite.fold(f32::MIN_POSITIVE, |most, value| most.max(value.abs()));
+        self.error.fix_limits((-most, most));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantities_share_their_zoom() {
+        let mut state = ReconstructionState::default();
+        let fit = egui::Rect::from_min_size(egui::pos2(0.0, 0.0), egui::vec2(320.0, 320.0));
+        let zoomed = state.view().viewport.zoomed(4.0, egui::pos2(100.0, 200.0), fit, (64, 64));
+        state.view_mut().viewport = zoomed;
+        for shown in [ShownQuantity::Error, ShownQuantity::Uncertainty, ShownQuantity::Object] {
+            state.show(shown);
+            assert_eq!(state.view().viewport, zoomed);
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Computation of captures, channel by channel.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
+
+use crate::plural::counted;
+use crate::progress::CancelToken;
+use crate::reconstruction::{
+    Capture, CaptureChannel, CaptureError, ImagingModel, ReconstructionError, ReconstructionStep,
+};
+use crate::workbench::background::activity::ActivityHandle;
+use crate::workbench::background::mailbox::Mailbox;
+use crate::workbench::captures::queue::{CaptureEnd, CaptureOrder, CaptureQueue, CaptureState};
+use crate::workbench::reconstructions::queue::SeenRegion;
+
+/// Reason why a capture has no reconstruction.
+#[derive(Debug, thiserror::Error)]
+enum Refusal {
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+    #[error(transparent)]
+    Reconstruction(#[from] ReconstructionError),
+}
+
+/// Reconstructs a capture.
+pub(crate) fn run(
+    (order, entry): &(CaptureOrder, ActivityHandle),
+    cancel: &CancelToken,
+    mailbox: &Mailbox<CaptureQueue>,
+) -> CaptureEnd {
+    let began = Instant::now();
+    match reconstruct(order, entry, cancel, mailbox) {
+        Ok(()) => CaptureEnd::Done { seconds: began.elapsed().as_secs_f64() },
+        Err(Refusal::Reconstruction(ReconstructionError::Cancelled)) => CaptureEnd::Stopped,
+        Err(refusal) => CaptureEnd::Failed(refusal.to_string()),
+    }
+}
+
+fn reconstruct(
+    order: &CaptureOrder,
+    entry: &ActivityHandle,
+    cancel: &CancelToken,
+    mailbox: &Mailbox<CaptureQueue>,
+) -> Result<(), Refusal> {
+    entry.report("Reading the files", None, None);
+    let Capture { channels, mut notices } = order.files.open()?;
+    if cancel.is_cancelled() {
+        return Err(ReconstructionError::Cancelled.into());
+    }
+    let frames = channels.first().map_or(0, |channel| channel.measurements.len_of(Axis(0)));
+    if frames > 1 {
+        notices.push(format!("The first of {} is reconstructed", counted(frames, "image")));
+    }
+    let measured = images_of(&channels, |channel| channel.measurements.index_axis(Axis(0), 0));
+    let measured = Arc::new(measured);
+    mailbox.publish(|queue| {
+        queue.publish(|newest| (newest.measurement, newest.notices) = (Some(Arc::clone(&measured)), notices));
+    });
+    let decoder = order.decoder.decoder(None)?;
+    let mut objects: Vec<Array2<f32>> = Vec::new();
+    for (index, CaptureChannel { measurements, psf, gain, noise }) in channels.iter().enumerate() {
+        let measurement = measurements.index_axis(Axis(0), 0);
+        let model = ImagingModel::of_capture(psf.view(), measurement.dim(), *noise)?;
+        let seen = SeenRegion { corner: model.sensor_corner(), shape: model.measurement_shape() };
+        let prepared = decoder.prepare(&model, cancel)?;
+        let in_grey_values = |object: &Array2<f32>| object.mapv(|photons| (f64::from(photons) * gain) as f32);
+        let publish = |object: Option<&Array2<f32>>, state: CaptureState| {
+            let object = object.map(|object| Arc::new(so_far(&objects, object, channels.len())));
+            mailbox.publish(|queue| {
+                queue.publish(|newest| {
+                    (newest.state, newest.seen) = (state, seen);
+                    newest.object = object.or(newest.object.take());
+                });
+            });
+        };
+        let at = |done, most| CaptureState::Reconstructing { channel: index + 1, channels: channels.len(), done, most };
+        let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
+            if let ReconstructionStep::Iteration { done, most, object: Some(object) } = step
+                && !cancel.is_cancelled()
+            {
+                let share = (index as f64 + *done as f64 / (*most).max(1) as f64) / channels.len() as f64;
+                entry.report(&format!("Channel {} of {}", index + 1, channels.len()), Some(share), None);
+                publish(Some(&in_grey_values(object)), at(*done, *most));
+            }
+            cancel.check()
+        };
+        let object = in_grey_values(&prepared.reconstruct_one(measurement, &mut on_progress)?);
+        publish(Some(&object), at(1, 1));
+        objects.push(object);
+    }
+    Ok(())
+}
+
+/// Channels of the capture in grey values, shape (rows, cols, channels).
+fn images_of<'a>(
+    channels: &'a [CaptureChannel],
+    image: impl Fn(&'a CaptureChannel) -> ArrayView2<'a, f32>,
+) -> Array3<f32> {
+    let (rows, cols) = channels.first().map_or((0, 0), |channel| image(channel).dim());
+    let mut all = Array3::zeros((rows, cols, channels.len()));
+    for (index, channel) in channels.iter().enumerate() {
+        let gain = channel.gain;
+        let target = all.index_axis_mut(Axis(2), index);
+        Zip::from(target).and(image(channel)).for_each(|to, &from| *to = (f64::from(from) * gain) as f32);
+    }
+    all
+}
+
+/// Complete channels, and `newest` for the others: the image is grey before it has its colours.
+fn so_far(complete: &[Array2<f32>], newest: &Array2<f32>, channels: usize) -> Array3<f32> {
+    let (rows, cols) = newest.dim();
+    let mut all = Array3::zeros((rows, cols, channels));
+    for index in 0..channels {
+        all.index_axis_mut(Axis(2), index).assign(complete.get(index).unwrap_or(newest));
+    }
+    all
+}

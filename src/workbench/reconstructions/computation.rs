@@ -1,0 +1,201 @@
+//! Computation of reconstructions: prior and prepared decoder are kept, and the test set grows while the request stays.
+
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::time::Instant;
+
+use ndarray::{Array2, ArrayView2, Axis};
+use rayon::prelude::*;
+
+use crate::forward::ForwardModel;
+use crate::information::Protocol;
+use crate::objects::ObjectSet;
+use crate::progress::CancelToken;
+use crate::reconstruction::{
+    DecoderQuality, DecoderScene, DecoderTest, ImageQuality, ImagingModel, PreparedDecoder, Prior, ReconstructionError,
+    ReconstructionStep,
+};
+use crate::workbench::background::mailbox::{Computation, Mailbox};
+use crate::workbench::reconstructions::queue::{
+    Reconstruction, ReconstructionKey, ReconstructionQueue, ReconstructionRequest, SeenRegion, SetQuality,
+};
+
+/// Test objects between two numbers.
+const PART: usize = 8;
+
+/// What is kept between requests.
+#[derive(Default)]
+pub(crate) struct ReconstructionComputation {
+    /// The prior of the last set of objects.
+    prior: Option<(Arc<ObjectSet>, Arc<Prior>)>,
+    ready: Option<Ready>,
+}
+
+/// A decoder that is ready for one design, and its quality so far.
+struct Ready {
+    /// Sample and noise do not matter.
+    key: ReconstructionKey,
+    scene: DecoderScene,
+    model: ImagingModel,
+    decoder: Box<dyn PreparedDecoder>,
+    mean_object: Array2<f32>,
+    /// Quality of every test object so far.
+    quality: Vec<ImageQuality>,
+    /// Squared errors of the mean object.
+    constant: Vec<f64>,
+    seconds: f64,
+}
+
+impl Computation<ReconstructionQueue> for ReconstructionComputation {
+    fn run(
+        &mut self,
+        request: &ReconstructionRequest,
+        cancel: &CancelToken,
+        mailbox: &Mailbox<ReconstructionQueue>,
+    ) -> Option<String> {
+        match self.reconstruct(request, cancel, mailbox) {
+            Ok(()) | Err(ReconstructionError::Cancelled) => None,
+            Err(error) => Some(error.to_string()),
+        }
+    }
+}
+
+impl ReconstructionComputation {
+    fn reconstruct(
+        &mut self,
+        request: &ReconstructionRequest,
+        cancel: &CancelToken,
+        mailbox: &Mailbox<ReconstructionQueue>,
+    ) -> Result<(), ReconstructionError> {
+        let key = request.key;
+        let known =
+            self.ready.take().filter(|ready| (ready.key.revision, ready.key.decoder) == (key.revision, key.decoder));
+        let ready = match known {
+            Some(ready) => ready,
+            None => self.prepare(request, cancel)?,
+        };
+        let ready = self.ready.insert(ready);
+        let measurement = request.measurement();
+        if !mailbox.look(|queue| queue.has_complete(key)) {
+            ready.image(request, cancel, mailbox)?;
+        }
+        let is_missing =
+            mailbox.look(|queue| queue.results().shown.as_ref().is_none_or(|shown| shown.standard_deviation.is_none()));
+        if is_missing && let Some(deviation) = ready.decoder.standard_deviation(measurement, cancel)? {
+            mailbox.publish(|queue| queue.publish_standard_deviation(deviation));
+        }
+        while ready.quality.len() < request.test_objects {
+            match ready.test(request, cancel) {
+                // Small objects have an image and no numbers.
+                Err(ReconstructionError::SmallImage { .. }) => break,
+                done => done?,
+            }
+            let quality = ready.so_far(request.design.seed)?;
+            let set = SetQuality { revision: key.revision, quality, planned: request.test_objects };
+            mailbox.publish(|queue| queue.publish_set(set));
+        }
+        Ok(())
+    }
+
+    fn prepare(&mut self, request: &ReconstructionRequest, cancel: &CancelToken) -> Result<Ready, ReconstructionError> {
+        let ReconstructionRequest { key, design, scene, optics, .. } = request;
+        let forward = ForwardModel::of_objects(design, Arc::clone(&scene.set))?;
+        let scene = DecoderScene::new(&forward, Protocol::Default)?;
+        let model = scene.model(optics.psf.slice(ndarray::s![..1, .., ..]))?;
+        let prior = if key.decoder.needs().objects { Some(self.prior(&scene, cancel)?) } else { None };
+        let began = Instant::now();
+        let decoder = key.decoder.decoder(prior)?.prepare(&model, cancel)?;
+        let seconds = began.elapsed().as_secs_f64();
+        let mean_object = scene.mean_object();
+        Ok(Ready { key: *key, scene, model, decoder, mean_object, quality: Vec::new(), constant: Vec::new(), seconds })
+    }
+
+    /// The prior of the objects, learned once for each set.
+    fn prior(&mut self, scene: &DecoderScene, cancel: &CancelToken) -> Result<Arc<Prior>, ReconstructionError> {
+        if let Some((_, prior)) = self.prior.as_ref().filter(|(set, _)| Arc::ptr_eq(set, &scene.set)) {
+            return Ok(Arc::clone(prior));
+        }
+        let prior = Arc::new(scene.prior(cancel)?);
+        self.prior = Some((Arc::clone(&scene.set), Arc::clone(&prior)));
+        Ok(prior)
+    }
+}
+
+impl Ready {
+    /// Reconstructs the shown measurement, and publishes what there is.
+    fn image(
+        &self,
+        request: &ReconstructionRequest,
+        cancel: &CancelToken,
+        mailbox: &Mailbox<ReconstructionQueue>,
+    ) -> Result<(), ReconstructionError> {
+        let truth = Arc::new(request.object().to_owned());
+        let peak_photons = self.scene.set.peak();
+        let seen = SeenRegion { corner: self.model.sensor_corner(), shape: self.model.measurement_shape() };
+        let reconstruction = |object: Arc<Array2<f32>>, iterations, quality| Reconstruction {
+            key: request.key,
+            serial: 0,
+            truth: Arc::clone(&truth),
+            object,
+            seen,
+            iterations,
+            peak_photons,
+            quality,
+            standard_deviation: None,
+        };
+        let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
+            if let ReconstructionStep::Iteration { done, most, object: Some(object) } = step
+                && !cancel.is_cancelled()
+            {
+                let so_far = reconstruction(Arc::clone(object), Some((*done, *most)), None);
+                mailbox.publish(|queue| queue.publish(so_far));
+            }
+            cancel.check()
+        };
+        let object = self.decoder.reconstruct_one(request.measurement(), &mut on_progress)?;
+        // Small images have no numbers.
+        let quality = ImageQuality::of(self.to_truth(truth.view()).view(), self.to_truth(object.view()).view()).ok();
+        let complete = reconstruction(Arc::new(object), None, quality);
+        mailbox.publish(|queue| queue.publish(complete));
+        Ok(())
+    }
+
+    /// Photons in units of the peak.
+    fn to_truth(&self, photons: ArrayView2<'_, f32>) -> Array2<f32> {
+        let peak = self.scene.set.peak();
+        photons.mapv(|value| (f64::from(value) / peak) as f32)
+    }
+
+    /// Adds the next part of the test set.
+    fn test(&mut self, request: &ReconstructionRequest, cancel: &CancelToken) -> Result<(), ReconstructionError> {
+        let first = self.quality.len();
+        let numbers = first..(first + PART).min(request.test_objects);
+        let test = self.scene.test_objects(&self.model, numbers, request.design.seed)?;
+        let began = Instant::now();
+        // One by one, so that cancellation is felt within an image.
+        let one = |measurement: ArrayView2<'_, f32>| self.decoder.reconstruct_one(measurement, &mut cancel.clone());
+        let measurements = test.measurements.axis_iter(Axis(0)).into_par_iter();
+        let objects: Vec<Array2<f32>> = measurements.map(one).collect::<Result<_, _>>()?;
+        self.seconds += began.elapsed().as_secs_f64();
+        let mean = self.to_truth(self.mean_object.view());
+        let pairs: Vec<_> = test.objects.outer_iter().zip(&objects).collect();
+        let quality_of = |(truth, object): (ArrayView2<'_, f32>, &Array2<f32>)| {
+            let truth = self.to_truth(truth);
+            let quality = ImageQuality::of(truth.view(), self.to_truth(object.view()).view())?;
+            Ok((quality, ImageQuality::of(truth.view(), mean.view())?.mse))
+        };
+        let found: Vec<(ImageQuality, f64)> =
+            pairs.into_par_iter().map(quality_of).collect::<Result<_, ReconstructionError>>()?;
+        for (quality, constant) in found {
+            self.quality.push(quality);
+            self.constant.push(constant);
+        }
+        if cancel.is_cancelled() { Err(ReconstructionError::Cancelled) } else { Ok(()) }
+    }
+
+    /// Quality on the part of the test set that is done.
+    fn so_far(&self, seed: u64) -> Result<DecoderQuality, ReconstructionError> {
+        let test = DecoderTest { objects: self.quality.len(), seed };
+        test.summary(self.key.decoder, &self.scene, &self.quality, &self.constant, self.seconds)
+    }
+}

@@ -1,0 +1,5 @@
+//! What a decoder makes of the shown measurement, after every edit, and how good it is on a test set.
+
+pub mod computation;
+pub mod queue;
+pub mod reconstructor;

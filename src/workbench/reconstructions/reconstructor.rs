@@ -1,0 +1,113 @@
+//! The thread of reconstructions.
+
+use crate::workbench::background::mailbox::{MailboxThread, ThreadSettings};
+use crate::workbench::background::threads::{Threads, Wake, Work};
+use crate::workbench::reconstructions::computation::ReconstructionComputation;
+use crate::workbench::reconstructions::queue::{ReconstructionQueue, ReconstructionRequest, Reconstructions};
+
+/// Handle of the thread. Dropping it cancels the running reconstruction.
+pub(crate) struct Reconstructor {
+    thread: MailboxThread<ReconstructionQueue>,
+}
+
+impl Reconstructor {
+    /// Starts the thread.
+    ///
+    /// # Errors
+    /// Where the operating system gives no thread.
+    pub fn start(wake: Wake, threads: Threads) -> std::io::Result<Self> {
+        let settings = ThreadSettings { name: "lenslet-reconstructor", work: Work::Reconstruction, threads, wake };
+        let queue = ReconstructionQueue::default();
+        Ok(Self { thread: MailboxThread::start(settings, queue, ReconstructionComputation::default)? })
+    }
+
+    /// Requests a reconstruction; replaces a waiting request.
+    pub fn request(&self, request: ReconstructionRequest) {
+        self.thread.change(|queue| queue.request(request));
+    }
+
+    /// Stops the running and drops the waiting request.
+    pub fn stop(&self) {
+        self.thread.change(ReconstructionQueue::stop);
+    }
+
+    /// The latest results.
+    pub fn results(&self) -> Reconstructions {
+        self.thread.look(|queue| queue.results().clone())
+    }
+
+    /// Whether results are still to come.
+    pub fn is_computing(&self) -> bool {
+        self.thread.look(ReconstructionQueue::is_computing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::sync::{Arc, Mutex};
+
+    use super::*;
+    use crate::evaluation::scene::{Optics, Scene, SceneTables};
+    use crate::forward::{Design, ForwardModel};
+    use crate::information::Protocol;
+    use crate::progress::CancelToken;
+    use crate::reconstruction::{DecoderKind, DecoderScene, DecoderTest, ReconstructionError};
+    use crate::workbench::background::threads::lock;
+    use crate::workbench::reconstructions::queue::ReconstructionKey;
+
+    fn request(design: Design, decoder: DecoderKind, test_objects: usize) -> ReconstructionRequest {
+        let design = Arc::new(design);
+        let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
+        let optics = Arc::new(Optics::of(&design, scene.set.planes()).unwrap());
+        let tables = SceneTables::new(&scene, design.encoder.grid()).unwrap();
+        let measurements = Arc::new(tables.measure(&design, &optics, &scene).unwrap());
+        let key = ReconstructionKey { revision: 1, sample: 2, noisy: true, decoder };
+        ReconstructionRequest { key, design, scene, optics, measurements, test_objects }
+    }
+
+    /// Results of a request, once it is done.
+    fn results(request: ReconstructionRequest) -> Reconstructions {
+        let (wake, woken) = channel();
+        let wake = Mutex::new(wake);
+        let wake: Wake = Arc::new(move || lock(&wake).send(()).unwrap_or_default());
+        let reconstructor = Reconstructor::start(wake, Threads::default()).unwrap();
+        reconstructor.request(request);
+        while reconstructor.is_computing() {
+            woken.recv().unwrap();
+        }
+        reconstructor.results()
+    }
+
+    #[test]
+    fn quality_on_the_test_set_is_that_of_the_library() {
+        let request = request(Design::default(), DecoderKind::Linear, 20);
+        let found = results(request.clone());
+        assert!(found.failure.is_none() && found.shown.unwrap().key == request.key);
+        let set = found.set.unwrap();
+        assert_eq!((set.planned, set.quality.test_objects), (20, 20));
+        let forward = ForwardModel::open(&request.design).unwrap();
+        let scene = DecoderScene::new(&forward, Protocol::Default).unwrap();
+        let model = scene.model(forward.psf(&request.design).unwrap().view()).unwrap();
+        let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
+        let decoder = DecoderKind::Linear.decoder(Some(prior)).unwrap();
+        let test = DecoderTest { objects: 20, seed: request.design.seed };
+        let expected = test
+            .run::<ReconstructionError>(&*decoder, &scene, &model, &mut CancelToken::new(), &mut |_| Ok(()))
+            .unwrap();
+        assert_eq!(
+            (set.quality.psnr_db, set.quality.psnr_db_interval_95),
+            (expected.psnr_db, expected.psnr_db_interval_95)
+        );
+        assert_eq!((set.quality.ssim, set.quality.r2), (expected.ssim, expected.r2));
+        assert_eq!(set.quality.psnr_constant_db, expected.psnr_constant_db);
+    }
+
+    #[test]
+    fn objects_with_depth_are_refused_in_one_sentence() {
+        let design = Design { objects: "volume:3:0.02".parse().unwrap(), ..Design::default() };
+        let found = results(request(design, DecoderKind::Linear, 0));
+        assert!(found.shown.is_none());
+        assert!(found.failure.unwrap().1.contains("expected objects of one plane, found 3"));
+    }
+}
