@@ -28,7 +28,8 @@ pub use export::reconstruction_files::{
 };
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use jobs::commands::{
-    bounds_command, capture_command, estimate_command, images_command, reconstruct_command, reproduce_command, run_command,
+    bounds_command, capture_command, estimate_command, images_command, reconstruct_command, reproduce_command,
+    run_command,
 };
 pub use jobs::job::{Job, Outcome};
 pub use jobs::record::{Record, RecordError};

@@ -39,7 +39,7 @@ start_manager() {
 find_window() { window=$(xdotool search --pid "$app" --name "Lenslet Studio" | tail -n 1) && [ -n "$window" ]; }
 
 # The mask's panel in a screenshot of the window.
-mask=440x440+8+88
+mask=400x340+8+80
 
 # The mask is drawn when its yellow peaks are.
 drawn() {

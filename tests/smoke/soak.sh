@@ -49,7 +49,7 @@ while [ $SECONDS -lt $end ]; do
   case $((RANDOM % 6)) in
     0) xdotool key "${keys[RANDOM % ${#keys[@]}]}" ;;
     1) xdotool mousemove --window "$window" $x $y click $((4 + RANDOM % 2)) ;;
-    2) xdotool mousemove --window "$window" $((10 + RANDOM % 430)) $((90 + RANDOM % 420)) mousedown 1 \
+    2) xdotool mousemove --window "$window" $((10 + RANDOM % 400)) $((80 + RANDOM % 340)) mousedown 1 \
       mousemove_relative -- $((RANDOM % 80 - 40)) $((RANDOM % 80 - 40)) mouseup 1 ;;
     *) xdotool mousemove --window "$window" $x $y click 1 ;;
   esac 2>/dev/null || true

@@ -43,7 +43,7 @@ xdotool key --window "$window" Escape
 became_still before dimmed
 
 # The first lenslet stands at column 16, row 16 of the 32x32 mask, which lies in the panel at the upper left.
-from_x=231 from_y=310
+from_x=189 from_y=259
 xdotool mousemove --window "$window" $from_x $from_y
 sleep 0.3
 xdotool mousedown 1

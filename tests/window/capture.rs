@@ -28,7 +28,8 @@ fn write_capture(folder: &Path) -> [PathBuf; 2] {
     });
     let psf = image::RgbImage::from_fn(9, 9, |x, y| {
         let found = pinholes.iter().find(|&&(row, col, _)| (row, col) == (y, x));
-        image::Rgb([found.map_or(0, |(_, _, share)| (200.0 * share) as u8); 3])
+        let light = found.map_or(0, |(_, _, share)| (200.0 * share) as u8);
+        image::Rgb([light, light / 2, light / 3])
     });
     let paths = ["capture.png", "psf.png"].map(|name| folder.join(name));
     measured.save(&paths[0]).unwrap();

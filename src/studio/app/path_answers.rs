@@ -25,7 +25,9 @@ impl State {
             PathPurpose::ChooseCapture(file) => {
                 return self.dialogs.capture.choose(file, question.path.trim().to_owned());
             }
-            PathPurpose::ExportCapture { object, measurement } => Job::ExportCapture { object, measurement, folder: path },
+            PathPurpose::ExportCapture { object, measurement } => {
+                Job::ExportCapture { object, measurement, folder: path }
+            }
             PathPurpose::ImportPsf => {
                 let side = Some(question.resample).filter(|&side| side > 0);
                 return self.session.import_psf(path, side);

@@ -17,8 +17,8 @@ use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
 use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::workbench::{
-    CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults, ReconstructionKey,
-    ReconstructionRequest, Reconstructions, Recovered, Session, bounds_command, reproduce_command,
+    CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults,
+    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, bounds_command, reproduce_command,
 };
 
 /// Time between two reconstructions while the masks of a run are shown as they come.

@@ -42,12 +42,11 @@ pub fn show(ctx: &egui::Context, dialog: &mut CaptureDialog, view: &View<'_>, re
 
 /// Files, options and the buttons that start.
 fn form(ui: &mut Ui, dialog: &mut CaptureDialog, requests: &mut Vec<Request>) {
-    for (text, name, file) in [
-        (&mut dialog.measurement, "Capture", CaptureFile::Measurement),
-        (&mut dialog.psf, "PSF", CaptureFile::Psf),
-    ] {
+    for (text, name, file) in
+        [(&mut dialog.measurement, "Capture", CaptureFile::Measurement), (&mut dialog.psf, "PSF", CaptureFile::Psf)]
+    {
         ui.horizontal(|ui| {
-            ui.add_sized([NAMES, 18.0], egui::Label::new(name).halign(egui::Align::LEFT));
+            field_name(ui, name);
             let width = (ui.available_width() - 84.0).max(80.0);
             let field = ui.add(TextEdit::singleline(text).desired_width(width).hint_text("Path of an image"));
             name_widget(&field, &format!("{name} file"));
@@ -59,7 +58,7 @@ fn form(ui: &mut Ui, dialog: &mut CaptureDialog, requests: &mut Vec<Request>) {
         });
     }
     ui.horizontal_wrapped(|ui| {
-        ui.label("Dark level");
+        field_name(ui, "Dark level");
         let field = TextEdit::singleline(&mut dialog.dark).desired_width(150.0).hint_text("corners of the PSF");
         let field = ui.add(field).on_hover_text("Grey value without light, or a capture without light");
         name_widget(&field, "Dark level of the capture");
@@ -93,6 +92,14 @@ fn form(ui: &mut Ui, dialog: &mut CaptureDialog, requests: &mut Vec<Request>) {
     });
 }
 
+/// Name of a field, of the same width for all.
+fn field_name(ui: &mut Ui, name: &str) {
+    ui.allocate_ui_with_layout(vec2(NAMES, 18.0), egui::Layout::left_to_right(egui::Align::Center), |ui| {
+        ui.set_min_width(NAMES);
+        ui.label(name);
+    });
+}
+
 /// State of the capture, with the buttons that end it or write it.
 fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Request>) {
     toolbar(ui, |ui| {
@@ -102,7 +109,8 @@ fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Req
             }
             CaptureState::Reconstructing { channel, channels, done, most } => {
                 let share = *done as f32 / (*most).max(1) as f32;
-                let of_channels = if *channels > 1 { format!("{}, ", channel_name(*channel - 1)) } else { String::new() };
+                let of_channels =
+                    if *channels > 1 { format!("{}, ", channel_name(*channel - 1)) } else { String::new() };
                 let text = format!("{of_channels}iteration {done} of {most}");
                 let bar = ProgressBar::new(share).desired_width(220.0).text(RichText::new(&text).size(12.0));
                 let bar = ui.add(bar);

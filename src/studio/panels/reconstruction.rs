@@ -40,8 +40,10 @@ pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: 
         placeholder(ui, view.failure().unwrap_or("Computing"));
         return;
     };
-    let is_current = reconstruction.key == key;
-    numbers(ui, reconstruction, view, key);
+    // While masks of a run are shown as they come, it lags behind.
+    let is_followed = view.preview.is_following && reconstruction.key.decoder == key.decoder;
+    let is_current = reconstruction.key == key || is_followed;
+    numbers(ui, reconstruction, is_current, key, view);
     let values = samples.reconstruction.values_of(reconstruction);
     if samples.reconstruction.shown() == ShownQuantity::Error {
         samples.reconstruction.centre_error(values.view());
@@ -54,7 +56,7 @@ pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: 
     let image = samples.reconstruction.view_mut().show(ui, view.palettes, content, PointerMode::View);
     let value = linked_cursor::update(ui, samples, view, Side::Reconstruction, &image, values.view());
     requests.extend(value.map(Request::Describe));
-    let menu = MenuImage { image: values.view(), is_current, shown: &image };
+    let menu = MenuImage { image: values.view(), is_current: reconstruction.key == key, shown: &image };
     if image_menu::show(ui, samples.reconstruction.view_mut(), &menu, requests, |_, _, _| {}) {
         linked_cursor::sync_viewports(ui, samples, view, Side::Reconstruction);
     }
@@ -64,7 +66,7 @@ pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: 
 fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
     let response = egui::ComboBox::from_id_salt("reconstruction method")
         .selected_text(decoder.name())
-        .width(118.0)
+        .width(118.0_f32.min(ui.max_rect().width() - 8.0))
         .show_ui(ui, |ui| {
             for kind in DecoderKind::ALL {
                 ui.selectable_value(decoder, kind, kind.name());
@@ -77,9 +79,6 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
 /// Switches of error and uncertainty.
 fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconstruction>) {
     let has_deviation = shown.is_some_and(|shown| shown.standard_deviation.is_some());
-    if !has_deviation && state.shown() == ShownQuantity::Uncertainty {
-        state.show(ShownQuantity::Object);
-    }
     for (quantity, text, name, is_possible, hint) in [
         (ShownQuantity::Error, "Error", "Reconstruction error", shown.is_some(), "Object minus reconstruction"),
         (
@@ -90,14 +89,15 @@ fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconst
             "Posterior standard deviation of every pixel",
         ),
     ] {
-        let mut is_on = state.shown() == quantity;
-        let response = ui.add_enabled(is_possible, egui::Checkbox::new(&mut is_on, text)).on_hover_text(hint);
+        let mut is_on = state.wanted() == quantity;
+        let response = ui.add_enabled(is_possible || is_on, egui::Checkbox::new(&mut is_on, text)).on_hover_text(hint);
         let response = response.on_disabled_hover_text("This method gives none");
         name_widget(&response, &format!("Show {}", name.to_lowercase()));
         if response.clicked() {
-            state.show(if is_on { quantity } else { ShownQuantity::Object });
+            state.want(if is_on { quantity } else { ShownQuantity::Object });
         }
     }
+    state.follow(has_deviation);
 }
 
 /// Menu that copies the numbers or the command that reproduces them.
@@ -121,8 +121,7 @@ fn more(ui: &mut Ui, key: ReconstructionKey, view: &View<'_>, requests: &mut Vec
 }
 
 /// Quality of the shown image, and of the test set.
-fn numbers(ui: &mut Ui, reconstruction: &Reconstruction, view: &View<'_>, key: ReconstructionKey) {
-    let is_current = reconstruction.key == key;
+fn numbers(ui: &mut Ui, reconstruction: &Reconstruction, is_current: bool, key: ReconstructionKey, view: &View<'_>) {
     let line = match (&reconstruction.quality, reconstruction.iterations) {
         (_, Some((done, most))) => format!("Iteration {done} of at most {most}"),
         (Some(quality), None) => format!("This image: {}", image_line(quality)),

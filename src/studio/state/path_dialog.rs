@@ -112,7 +112,9 @@ impl PathPurpose {
                 "IDX (also .gz), CIFAR-10 .bin, NPY, NPZ or TIFF stack, an image, or a folder of images"
             }
             Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of images",
-            Self::ChooseCapture(CaptureFile::Measurement) => "An image of the camera (TIFF, PNG, JPEG, NPY), grey or colour",
+            Self::ChooseCapture(CaptureFile::Measurement) => {
+                "An image of the camera (TIFF, PNG, JPEG, NPY), grey or colour"
+            }
             Self::ChooseCapture(CaptureFile::Psf) => "A photograph of a point source by the same camera",
             Self::ExportCapture { .. } => {
                 "A folder for reconstructions.npy, reconstruction-1.png and measurement-1.png; it is created if missing"
@@ -156,11 +158,9 @@ impl PathPurpose {
     /// Dialog of the system for such paths.
     pub fn picker(&self) -> Picker {
         match self {
-            Self::OpenDesign
-            | Self::OpenObjects
-            | Self::ChooseImages
-            | Self::ChooseCapture(_)
-            | Self::ImportPsf => Picker::Open,
+            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ChooseCapture(_) | Self::ImportPsf => {
+                Picker::Open
+            }
             Self::SaveAs
             | Self::ExportView { .. }
             | Self::ExportPanel { .. }

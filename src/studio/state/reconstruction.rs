@@ -13,6 +13,8 @@ pub const TEST_OBJECTS: usize = 64;
 pub struct ReconstructionState {
     /// The decoder.
     pub decoder: DecoderKind,
+    /// What is to be shown.
+    wanted: ShownQuantity,
     /// What is shown.
     shown: ShownQuantity,
     object: ImageView,
@@ -36,6 +38,7 @@ impl Default for ReconstructionState {
     fn default() -> Self {
         Self {
             decoder: DecoderKind::default(),
+            wanted: ShownQuantity::Object,
             shown: ShownQuantity::Object,
             object: ImageView::new("Reconstruction", "photons", Colormap::Gray),
             error: ImageView::new("Reconstruction error", "photons", Colormap::Diverging),
@@ -50,10 +53,21 @@ impl ReconstructionState {
         self.shown
     }
 
-    /// Shows another quantity, with the same zoom.
-    pub fn show(&mut self, shown: ShownQuantity) {
+    /// What is to be shown.
+    pub fn wanted(&self) -> ShownQuantity {
+        self.wanted
+    }
+
+    /// Chooses what is to be shown.
+    pub fn want(&mut self, wanted: ShownQuantity) {
+        self.wanted = wanted;
+    }
+
+    /// Shows the chosen quantity with the same zoom, and the object while there is no uncertainty: it comes after the object.
+    pub fn follow(&mut self, has_uncertainty: bool) {
         let viewport = self.view().viewport;
-        self.shown = shown;
+        let is_missing = self.wanted == ShownQuantity::Uncertainty && !has_uncertainty;
+        self.shown = if is_missing { ShownQuantity::Object } else { self.wanted };
         self.view_mut().viewport = viewport;
     }
 
@@ -103,8 +117,19 @@ mod tests {
         let zoomed = state.view().viewport.zoomed(4.0, egui::pos2(100.0, 200.0), fit, (64, 64));
         state.view_mut().viewport = zoomed;
         for shown in [ShownQuantity::Error, ShownQuantity::Uncertainty, ShownQuantity::Object] {
-            state.show(shown);
-            assert_eq!(state.view().viewport, zoomed);
+            state.want(shown);
+            state.follow(true);
+            assert_eq!((state.shown(), state.view().viewport), (shown, zoomed));
+        }
+    }
+
+    #[test]
+    fn object_is_shown_until_its_uncertainty_is_known() {
+        let mut state = ReconstructionState::default();
+        state.want(ShownQuantity::Uncertainty);
+        for (has_uncertainty, shown) in [(false, ShownQuantity::Object), (true, ShownQuantity::Uncertainty)] {
+            state.follow(has_uncertainty);
+            assert_eq!((state.shown(), state.wanted()), (shown, ShownQuantity::Uncertainty));
         }
     }
 }

@@ -13,8 +13,8 @@ use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{
-    CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord, Reconstructions, Revisioned,
-    RunStatus,
+    CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord,
+    Reconstructions, Revisioned, RunStatus,
 };
 
 /// What panels and dialogs read of the window, beside their own state. They change it by requests alone.

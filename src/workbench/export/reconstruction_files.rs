@@ -127,7 +127,8 @@ pub(crate) fn export_capture(
 ) -> Result<Vec<PathBuf>, ExportError> {
     let frame = object.insert_axis(Axis(0));
     // A single channel has no axis.
-    let frame = if frame.len_of(Axis(3)) == 1 { frame.index_axis_move(Axis(3), 0).into_dyn() } else { frame.into_dyn() };
+    let frame =
+        if frame.len_of(Axis(3)) == 1 { frame.index_axis_move(Axis(3), 0).into_dyn() } else { frame.into_dyn() };
     let mut writer = ReconstructionWriter::create(folder, frame.shape())?;
     writer.append(frame)?;
     writer.image("reconstruction-1", object)?;

@@ -75,3 +75,78 @@ impl Snapshots {
         DecoderKind::ALL.into_iter().filter(has).collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::forward::Design;
+    use crate::information::Protocol;
+    use crate::reconstruction::DecoderQuality;
+    use crate::workbench::estimates::queue::Estimates;
+    use crate::workbench::live::published::Live;
+    use crate::workbench::reconstructions::queue::{Reconstructions, SetQuality};
+    use crate::workbench::session::snapshots::LiveResults;
+
+    fn quality(decoder: DecoderKind, psnr_db: f64, test_objects: usize) -> DecoderQuality {
+        let interval = |value: f64| [value - 0.5, value + 0.5];
+        DecoderQuality {
+            decoder,
+            protocol: Protocol::Default,
+            psnr_db,
+            psnr_db_interval_95: interval(psnr_db),
+            ssim: 0.5,
+            ssim_interval_95: [0.5; 2],
+            mse: 0.01,
+            mse_interval_95: [0.01; 2],
+            r2: None,
+            r2_interval_95: None,
+            psnr_constant_db: 15.0,
+            psnr_constant_db_interval_95: [15.0; 2],
+            psnr_unclipped_db: psnr_db,
+            psnr_unclipped_db_interval_95: interval(psnr_db),
+            psnr_linear_closed_form_db: None,
+            psnr_posterior_db: None,
+            test_objects,
+            networks: 0,
+            peak_photons: 1.0,
+            seed: 1,
+            seconds: 0.1,
+        }
+    }
+
+    fn results<'a>(others: &'a (Live, Estimates), reconstructions: &'a Reconstructions) -> LiveResults<'a> {
+        LiveResults { live: &others.0, estimates: &others.1, reconstructions }
+    }
+
+    #[test]
+    fn every_decoder_of_a_snapshot_has_columns_with_its_name() {
+        let mut snapshots = Snapshots::default();
+        let nothing = (Live::default(), Estimates::default());
+        let of = |revision: u64, decoder: DecoderKind, psnr_db: f64, test_objects: usize| {
+            let set = SetQuality { revision, quality: quality(decoder, psnr_db, test_objects), planned: 64 };
+            Reconstructions { set: Some(Arc::new(set)), ..Reconstructions::default() }
+        };
+        let design = Arc::new(Design::default());
+        assert!(!snapshots.table().header.iter().any(|name| name.contains("psnr")));
+        snapshots.keep(&design, 1, results(&nothing, &of(1, DecoderKind::Linear, 21.5, 64))).unwrap();
+        snapshots.keep(&design, 2, results(&nothing, &of(1, DecoderKind::Linear, 9.0, 64))).unwrap();
+        // Another method, fewer objects of a known one, and another design.
+        snapshots.take_up(results(&nothing, &of(1, DecoderKind::TotalVariation, 20.0, 8)));
+        snapshots.take_up(results(&nothing, &of(1, DecoderKind::Linear, 7.0, 16)));
+        snapshots.take_up(results(&nothing, &of(3, DecoderKind::Linear, 8.0, 64)));
+        let table = snapshots.table();
+        let value = |row: usize, name: &str| {
+            let column = table.header.iter().position(|known| known == name);
+            table.rows[row][column.unwrap_or_else(|| panic!("{name} in {:?}", table.header))]
+        };
+        assert_eq!(
+            ["linear_mmse_psnr_db", "linear_mmse_psnr_low_db", "linear_mmse_psnr_high_db"].map(|name| value(0, name)),
+            [21.5, 21.0, 22.0]
+        );
+        assert_eq!(value(0, "total_variation_psnr_db"), 20.0);
+        assert!(value(1, "linear_mmse_psnr_db").is_nan(), "it is of another design");
+        assert!(table.rows.iter().all(|row| row.len() == table.header.len()));
+    }
+}
