@@ -19,7 +19,7 @@ use crate::studio::state::window_layout::VisiblePanel;
 /// The default layout: mask and lenslets above object, measurement and reconstruction; numbers on the right.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
-    let above = row(&mut tiles, &[(Pane::Mask, 1.0), (Pane::Lenslets, 1.12)]);
+    let above = row(&mut tiles, &[(Pane::Mask, 1.0), (Pane::Lenslets, 1.07)]);
     let below = row(&mut tiles, &[(Pane::Object, 1.0), (Pane::Measurement, 1.0), (Pane::Reconstruction, 1.0)]);
     let left = shared(&mut tiles, LinearDir::Vertical, &[(above, 1.15), (below, 1.0)]);
     let information = tab(&mut tiles, &[Pane::Information]);

@@ -38,6 +38,8 @@ pub struct ReconstructionRequest {
     pub measurements: Arc<Measurements>,
     /// Objects of the test set; 0 where only the image is wanted.
     pub test_objects: usize,
+    /// Whether the posterior standard deviation is wanted, which takes longer than the image.
+    pub with_deviation: bool,
 }
 
 impl ReconstructionRequest {
@@ -235,7 +237,7 @@ mod tests {
         let tables = crate::evaluation::scene::SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(tables.measure(&design, &optics, &scene).unwrap());
         let key = ReconstructionKey { revision, sample, noisy: true, decoder: DecoderKind::Linear };
-        ReconstructionRequest { key, design, scene, optics, measurements, test_objects: 0 }
+        ReconstructionRequest { key, design, scene, optics, measurements, test_objects: 0, with_deviation: false }
     }
 
     fn image(key: ReconstructionKey) -> Reconstruction {

@@ -63,7 +63,7 @@ mod tests {
         let tables = SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(tables.measure(&design, &optics, &scene).unwrap());
         let key = ReconstructionKey { revision: 1, sample: 2, noisy: true, decoder };
-        ReconstructionRequest { key, design, scene, optics, measurements, test_objects }
+        ReconstructionRequest { key, design, scene, optics, measurements, test_objects, with_deviation: false }
     }
 
     /// Results of a request, once it is done.
