@@ -12,7 +12,7 @@ use crate::studio::state::locks::Locks;
 use crate::studio::state::messages::{Messages, Severity};
 use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
-use crate::studio::state::reconstruction::TEST_OBJECTS;
+use crate::studio::state::reconstruction::{ShownQuantity, TEST_OBJECTS};
 use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
 use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
@@ -29,6 +29,7 @@ const RECONSTRUCT_EVERY: Duration = Duration::from_secs(1);
 struct AskedReconstruction {
     key: ReconstructionKey,
     test_objects: usize,
+    with_deviation: bool,
     at: Instant,
 }
 
@@ -208,7 +209,9 @@ impl State {
         let key = panels.samples.reconstruction_key(view.revision);
         let is_live = view.is_live && !view.is_live_paused();
         let test_objects = if is_live { TEST_OBJECTS } else { 0 };
-        if asked.is_some_and(|asked| (asked.key, asked.test_objects) == (key, test_objects)) {
+        let with_deviation = panels.samples.reconstruction.wanted() == ShownQuantity::Uncertainty;
+        let wanted = (key, test_objects, with_deviation);
+        if asked.is_some_and(|asked| (asked.key, asked.test_objects, asked.with_deviation) == wanted) {
             return None;
         }
         let wait = asked.filter(|_| view.preview.is_following);
@@ -223,8 +226,9 @@ impl State {
             optics: Arc::clone(&optics.value),
             measurements: Arc::clone(&measurements.value),
             test_objects,
+            with_deviation,
         };
-        self.reconstructed = Some(AskedReconstruction { key, test_objects, at: Instant::now() });
+        self.reconstructed = Some(AskedReconstruction { key, test_objects, with_deviation, at: Instant::now() });
         self.session.reconstruct(request);
         None
     }

@@ -79,18 +79,19 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
 /// Switches of error and uncertainty.
 fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconstruction>) {
     let has_deviation = shown.is_some_and(|shown| shown.standard_deviation.is_some());
+    let has_posterior = !matches!(state.decoder, DecoderKind::TotalVariation | DecoderKind::RichardsonLucy);
     for (quantity, text, name, is_possible, hint) in [
         (ShownQuantity::Error, "Error", "Reconstruction error", shown.is_some(), "Object minus reconstruction"),
         (
             ShownQuantity::Uncertainty,
             "Uncertainty",
             "Reconstruction uncertainty",
-            has_deviation,
+            has_posterior,
             "Posterior standard deviation of every pixel",
         ),
     ] {
         let mut is_on = state.wanted() == quantity;
-        let response = ui.add_enabled(is_possible || is_on, egui::Checkbox::new(&mut is_on, text)).on_hover_text(hint);
+        let response = ui.add_enabled(is_possible, egui::Checkbox::new(&mut is_on, text)).on_hover_text(hint);
         let response = response.on_disabled_hover_text("This method gives none");
         name_widget(&response, &format!("Show {}", name.to_lowercase()));
         if response.clicked() {

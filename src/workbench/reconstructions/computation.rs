@@ -79,9 +79,11 @@ impl ReconstructionComputation {
         if !mailbox.look(|queue| queue.has_complete(key)) {
             ready.image(request, cancel, mailbox)?;
         }
-        let is_missing =
-            mailbox.look(|queue| queue.results().shown.as_ref().is_none_or(|shown| shown.standard_deviation.is_none()));
-        if is_missing && let Some(deviation) = ready.decoder.standard_deviation(measurement, cancel)? {
+        let is_missing = || mailbox.look(ReconstructionQueue::has_no_deviation);
+        if request.with_deviation
+            && is_missing()
+            && let Some(deviation) = ready.decoder.standard_deviation(measurement, cancel)?
+        {
             mailbox.publish(|queue| queue.publish_standard_deviation(deviation));
         }
         while ready.quality.len() < request.test_objects {

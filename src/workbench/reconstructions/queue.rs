@@ -177,6 +177,11 @@ impl ReconstructionQueue {
         self.results.shown.as_ref().is_some_and(|shown| shown.key == key && shown.iterations.is_none())
     }
 
+    /// Whether the published reconstruction has no posterior standard deviation.
+    pub fn has_no_deviation(&self) -> bool {
+        self.results.shown.as_ref().is_none_or(|shown| shown.standard_deviation.is_none())
+    }
+
     /// Publishes a reconstruction and gives it its serial number.
     pub fn publish(&mut self, reconstruction: Reconstruction) {
         self.last_serial += 1;
