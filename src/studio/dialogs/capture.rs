@@ -224,15 +224,12 @@ fn coloured(ui: &mut Ui, dialog: &mut CaptureDialog, values: ArrayView3<'_, f32>
         let (rows, cols, _) = levels.dim();
         let bytes: Vec<u8> = levels.iter().copied().collect();
         let pixels = ColorImage::from_rgb([cols, rows], &bytes);
-        match &mut dialog.texture {
-            Some((known, texture)) => {
-                texture.set(pixels, TextureOptions::NEAREST);
-                *known = version;
-            }
-            None => {
-                let texture = ui.ctx().load_texture("capture in colour", pixels, TextureOptions::NEAREST);
-                dialog.texture = Some((version, texture));
-            }
+        if let Some((known, texture)) = &mut dialog.texture {
+            texture.set(pixels, TextureOptions::NEAREST);
+            *known = version;
+        } else {
+            let texture = ui.ctx().load_texture("capture in colour", pixels, TextureOptions::NEAREST);
+            dialog.texture = Some((version, texture));
         }
     }
     if let Some((_, texture)) = &dialog.texture {
