@@ -12,7 +12,7 @@ use super::design_args::{DesignArgs, SceneArgs};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::study_decoders::Decoders;
+use super::study_decoders::DecodersArgs;
 use crate::evaluation::format_duration;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -37,7 +37,7 @@ enum Kind {
     /// Lower and upper bounds by bead density, with a plot.
     Bracket(Bracket),
     /// Information of the whole sensor beside the image quality of decoders, with a scatter plot.
-    Decoders(Decoders),
+    Decoders(DecodersArgs),
 }
 
 /// Flags of all studies.

@@ -21,7 +21,7 @@ const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
 
 /// Arguments of `study decoders`.
 #[derive(Args, Debug)]
-pub(super) struct Decoders {
+pub(super) struct DecodersArgs {
     /// Folder of the study. An unfinished study in it is resumed.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -71,7 +71,7 @@ pub(super) struct Decoders {
     json: bool,
 }
 
-impl Decoders {
+impl DecodersArgs {
     fn settings(&self) -> anyhow::Result<DecoderStudySettings> {
         let usual = DecoderStudySettings::beads();
         let objects = objects_of(&self.objects, &self.published_as)?;

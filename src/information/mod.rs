@@ -27,7 +27,7 @@ mod test_beads;
 pub const NUMBERS_VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "+21");
 
 pub use ais::bound::{AisBound, AisProgress, AisSettings, ais_lower_bound, ais_upper_bound};
-pub use ais::posterior::{BeadPosterior, BeadScene, ObjectPosterior, PosteriorChains};
+pub use ais::posterior::{BeadPosterior, BeadScene, ObjectPosterior, OnSweeps, PosteriorChains};
 pub use bounds::bracket::{BeadBounds, Bracket, NamedBound};
 pub use bounds::method::BoundMethod;
 pub use bounds::object_entropy::bead_upper_bound::{BeadEntropyBound, EntropyBound, binary_entropy};

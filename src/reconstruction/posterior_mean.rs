@@ -10,7 +10,9 @@ use super::error::ReconstructionError;
 use super::linear::Prior;
 use super::model::ImagingModel;
 use super::one_by_one::report;
-use crate::information::{BeadPosterior, BeadScene, Decoder as BeadDecoder, ObjectPosterior, PosteriorChains};
+use crate::information::{
+    BeadPosterior, BeadScene, Decoder as BeadDecoder, ObjectPosterior, OnSweeps, PosteriorChains,
+};
 use crate::objects::BeadPrior;
 use crate::progress::{CancelToken, Progress};
 
@@ -85,7 +87,7 @@ impl Prepared {
         &self,
         measurements: &[Vec<f32>],
         chains: PosteriorChains,
-        on_sweeps: &mut dyn FnMut(usize, &dyn Fn() -> Vec<ObjectPosterior>) -> Result<(), ReconstructionError>,
+        on_sweeps: &mut OnSweeps<'_, Result<(), ReconstructionError>>,
     ) -> Result<Vec<ObjectPosterior>, ReconstructionError> {
         let mut failed = None;
         let found = self.posterior.of_chains(measurements, chains, &mut |done, so_far| match on_sweeps(done, so_far) {

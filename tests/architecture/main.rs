@@ -55,7 +55,18 @@ const ORDER: [(&str, &[&str]); 3] = [
     ),
     (
         "workbench",
-        &["background", "document", "export", "live", "reconstructions", "captures", "runs", "estimates", "jobs", "session"],
+        &[
+            "background",
+            "document",
+            "export",
+            "live",
+            "reconstructions",
+            "captures",
+            "runs",
+            "estimates",
+            "jobs",
+            "session",
+        ],
     ),
     ("studio", &["widgets", "canvas", "state", "panels", "dialogs", "app"]),
 ];

@@ -73,6 +73,9 @@ impl PosteriorChains {
     }
 }
 
+/// Function that is called with the number of sweeps done and with the posteriors so far.
+pub type OnSweeps<'a, T> = dyn FnMut(usize, &dyn Fn() -> Vec<ObjectPosterior>) -> T + 'a;
+
 /// Posterior of beads through one mask.
 pub struct BeadPosterior {
     problem: Problem,
@@ -144,7 +147,7 @@ impl BeadPosterior {
         &self,
         measurements: &[Vec<f32>],
         settings: PosteriorChains,
-        progress: &mut dyn FnMut(usize, &dyn Fn() -> Vec<ObjectPosterior>) -> ControlFlow<()>,
+        progress: &mut OnSweeps<'_, ControlFlow<()>>,
     ) -> Result<Vec<ObjectPosterior>, InformationError> {
         let starts: Vec<(InitialDistribution, Measurement)> =
             measurements.par_iter().map(|noisy| self.start(noisy)).collect();
@@ -157,7 +160,9 @@ impl BeadPosterior {
         let posteriors = |chains: &[Chain<'_>]| {
             let of_image = |chains: &[Chain<'_>]| {
                 let mut record = Record::new(self.field);
-                chains.iter().for_each(|chain| record.join(&chain.record));
+                for chain in chains {
+                    record.join(&chain.record);
+                }
                 record.posterior()
             };
             chains.chunks(per_image).map(of_image).collect::<Vec<_>>()

@@ -30,9 +30,9 @@ impl SensorNoise {
         let mut squares = Vec::new();
         for square in image.exact_chunks((2, 2)) {
             let [a, b, c, d] = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|at| f64::from(square[at]));
-            let mean = (a + b + c + d) / 4.0;
+            let mean = 0.25 * (a + b + c + d);
             if mean.is_finite() {
-                squares.push((mean, (a - b - c + d) / 2.0));
+                squares.push((mean, 0.5 * (a - b - c + d)));
             }
         }
         squares.sort_by(|one, other| one.0.total_cmp(&other.0));

@@ -59,7 +59,7 @@ pub(super) struct BeadMemory {
 }
 
 impl BeadCovariance {
-    pub(super) fn new(model: &ImagingModel, moments: Arc<BeadMoments>) -> Result<Self, ReconstructionError> {
+    pub(super) fn new(model: &ImagingModel, moments: Arc<BeadMoments>) -> Self {
         let (field, psf, spot) = (model.field(), model.psf(), moments.prior.spot.view());
         let grid = Fourier::at_least((field.0 + spot.nrows(), field.1 + spot.ncols()));
         let (rows, cols) = grid.shape();
@@ -70,16 +70,16 @@ impl BeadCovariance {
         }
         let mut spectrum = grid.empty();
         grid.forward(&bead, &mut spectrum, &mut grid.buffer());
-        Ok(Self {
+        Self {
             field,
             measured: model.measurement_shape(),
             corner: (psf.nrows() - 1, psf.ncols() - 1),
             mask: grid.spectrum_of(psf.mapv(|value| value as f32).view()),
             bead: spectrum,
-            inside: StationaryCovariance::new(model, moments.inside.clone())?,
+            inside: StationaryCovariance::new(model, moments.inside.clone()),
             grid,
             moments,
-        })
+        }
     }
 
     /// Sites of the transposed measurement, times their covariance, on the grid; scaled for both transforms.

@@ -53,11 +53,11 @@ impl Decoder for LinearMmse {
                 Box::new(IterativeDecoder::new(model, self.prior.mean().to_owned(), covariance)?)
             }
             Moments::Beads(beads) => {
-                let covariance = BeadCovariance::new(model, beads.clone())?;
+                let covariance = BeadCovariance::new(model, beads.clone());
                 Box::new(IterativeDecoder::new(model, self.prior.mean().to_owned(), covariance)?)
             }
             Moments::Stationary(stationary) => {
-                let covariance = StationaryCovariance::new(model, stationary.clone())?;
+                let covariance = StationaryCovariance::new(model, stationary.clone());
                 Box::new(IterativeDecoder::new(model, self.prior.mean().to_owned(), covariance)?)
             }
         })

@@ -114,7 +114,9 @@ pub(super) fn mean_of(samples: ArrayView2<'_, f32>) -> Vec<f64> {
     for sample in samples.rows() {
         mean.iter_mut().zip(sample).for_each(|(sum, &value)| *sum += f64::from(value));
     }
-    mean.iter_mut().for_each(|sum| *sum /= samples.nrows().max(1) as f64);
+    for sum in &mut mean {
+        *sum /= samples.nrows().max(1) as f64;
+    }
     mean
 }
 

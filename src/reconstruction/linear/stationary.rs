@@ -96,7 +96,7 @@ impl StationaryMemory {
 }
 
 impl StationaryCovariance {
-    pub(super) fn new(model: &ImagingModel, moments: Arc<StationaryMoments>) -> Result<Self, ReconstructionError> {
+    pub(super) fn new(model: &ImagingModel, moments: Arc<StationaryMoments>) -> Self {
         let (field, measured, psf) = (model.field(), model.measurement_shape(), model.psf());
         let lag = moments.autocovariance.nrows() / 2;
         let wide = Fourier::at_least((field.0 + lag, field.1 + lag));
@@ -117,7 +117,7 @@ impl StationaryCovariance {
             f64::from(lags[at])
         });
         let kernel = spectrum_of_lags(&narrow, by_lag.view(), by_lag.dim());
-        Ok(Self {
+        Self {
             field,
             measured,
             corner: (psf.nrows() - 1, psf.ncols() - 1),
@@ -127,7 +127,7 @@ impl StationaryCovariance {
             moments,
             wide,
             narrow,
-        })
+        }
     }
 
     /// The measurement filtered by a spectrum on the narrow grid.

@@ -65,7 +65,7 @@ impl TileMoments {
         if cancel.is_cancelled() {
             return Err(ReconstructionError::Cancelled);
         }
-        let shares = Self::shares(set, side, light)?;
+        let shares = Self::shares(set, side, light);
         let count = components.variances.len().min(shares.len());
         let deviation = |k: usize| components.variances[k].sqrt();
         let directions = &components.directions;
@@ -99,18 +99,18 @@ impl TileMoments {
     }
 
     /// Share of the variance of each component that images have which it was not found from.
-    fn shares(set: &ObjectSet, side: usize, light: Light) -> Result<Vec<f64>, ReconstructionError> {
+    fn shares(set: &ObjectSet, side: usize, light: Light) -> Vec<f64> {
         let [mut fit, mut validation] = [Split::Fit, Split::Validation]
             .map(|split| TileSamples::draw(set, side, light, split).map(|tiles| tiles.lit));
-        let (Ok(fit), Ok(validation)) = (&mut fit, &mut validation) else { return Ok(vec![1.0; MOST_COMPONENTS]) };
+        let (Ok(fit), Ok(validation)) = (&mut fit, &mut validation) else { return vec![1.0; MOST_COMPONENTS] };
         if validation.nrows() < LEAST_VALIDATION {
-            return Ok(vec![1.0; MOST_COMPONENTS]);
+            return vec![1.0; MOST_COMPONENTS];
         }
         let (mean, _) = centred(fit);
         for mut tile in validation.rows_mut() {
             tile.iter_mut().zip(&mean).for_each(|(value, &mean)| *value -= mean);
         }
-        Ok(held_out_shares(fit, validation, MOST_COMPONENTS))
+        held_out_shares(fit, validation, MOST_COMPONENTS)
     }
 
     /// Components of a tile.

@@ -85,7 +85,7 @@ fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, record: &DecoderStudyRecord,
         let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if values.is_empty() {
             return 0.0..1.0;
-        };
+        }
         let margin = 0.08 * (high - low).max(1e-3);
         low - margin..high + margin
     };

@@ -302,16 +302,16 @@ mod tests {
         let mut record = DecoderStudyRecord::new(DecoderStudySettings::beads());
         for count in [3, 1, 2, 4] {
             let information = SensorInformation {
-                lower: Some(0.1 * count as f64),
-                lower_interval_95: Some([0.1 * count as f64 - 0.01, 0.1 * count as f64 + 0.01]),
+                lower: Some(0.1 * f64::from(count)),
+                lower_interval_95: Some([0.1 * f64::from(count) - 0.01, 0.1 * f64::from(count) + 0.01]),
                 upper: 0.5,
                 upper_interval_95: [0.49, 0.51],
                 seconds: 3.0,
             };
             for decoder in [None, Some(DecoderKind::Linear), Some(DecoderKind::Posterior)] {
                 let psnr = match decoder {
-                    Some(DecoderKind::Linear) => 27.0 - count as f64,
-                    _ => 27.0 + (count * count) as f64,
+                    Some(DecoderKind::Linear) => 27.0 - f64::from(count),
+                    _ => 27.0 + f64::from(count * count),
                 };
                 record.put(DecoderStudyCell {
                     objects: "beads:0.02".into(),

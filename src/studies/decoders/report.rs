@@ -72,9 +72,10 @@ pub(super) fn markdown(record: &DecoderStudyRecord) -> String {
     let settings = &record.settings;
     let sweeps =
         settings.sweeps.map_or(String::new(), |sweeps| format!("; posterior mean by {}", counted(sweeps, "sweep")));
-    let training = match settings.decoders.contains(&DecoderKind::Network) {
-        true => format!("; networks trained for {} s", settings.training_seconds),
-        false => String::new(),
+    let training = if settings.decoders.contains(&DecoderKind::Network) {
+        format!("; networks trained for {} s", settings.training_seconds)
+    } else {
+        String::new()
     };
     let mut lines = vec![
         "# Information and decoders".to_owned(),

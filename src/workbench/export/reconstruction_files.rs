@@ -109,7 +109,9 @@ impl ReconstructionWriter {
             if !stale.iter().any(|file| file.exists()) {
                 break;
             }
-            stale.iter().try_for_each(|file| formats::remove_if_there(file))?;
+            for file in &stale {
+                formats::remove_if_there(file)?;
+            }
         }
         Ok(files)
     }
