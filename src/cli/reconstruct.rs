@@ -14,14 +14,13 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::reconstruct_network::{NetworkArgs, NetworkResult, Networks};
+use super::reconstruct_network::{NetworkArgs, NetworkResult, Networks, Trained};
 use crate::forward::{ForwardModel, notices_of};
 use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, NetworkDecoder, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
-    TrainedNetwork,
+    Evaluated, ImagingModel, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
 };
 use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -175,23 +174,20 @@ impl Arguments {
         let scene = DecoderScene::new(&forward, self.protocol)?;
         let psf = forward.psf(&design)?;
         let model = scene.model(psf.view())?;
-        let trained = match kind {
-            DecoderKind::Network => Some(self.network.networks((&scene, &model), (design.seed, self.out.as_deref()))?),
-            _ => None,
+        let trained = match kind.needs().training {
+            true => Some(self.network.networks(kind, (&scene, &model), (design.seed, self.out.as_deref()))?),
+            false => None,
         };
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");
         let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
         let decoders: Vec<Box<dyn Decoder>> = match (&trained, prior) {
-            (Some(Networks { networks, .. }), Some(prior)) => {
-                let prior = Arc::new(prior);
-                let decoder = |network: &Arc<TrainedNetwork>| {
-                    let decoder = NetworkDecoder::new(network.clone(), &scene, prior.clone())?;
-                    Ok::<_, ReconstructionError>(Box::new(decoder) as Box<dyn Decoder>)
-                };
+            (Some(Networks { networks, .. }), prior) => {
+                let prior = prior.map(Arc::new);
+                let decoder = |network: &Trained| network.decoder(&scene, prior.as_ref());
                 networks.iter().map(decoder).collect::<Result<_, _>>()?
             }
-            (_, prior) => vec![self.decoder_of_kind(kind, prior, design.seed)?],
+            (None, prior) => vec![self.decoder_of_kind(kind, prior, design.seed)?],
         };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
@@ -227,7 +223,7 @@ impl Arguments {
         files.extend(trained.iter().flat_map(|trained| trained.files.clone()));
         let networks = trained.iter().flat_map(|trained| &trained.networks);
         let result = TestResult {
-            trained: networks.map(|network| NetworkResult::from(&**network)).collect(),
+            trained: networks.map(NetworkResult::from).collect(),
             encoder: design.encoder.describe(),
             objects: design.objects.to_string(),
             objects_fingerprint: scene.set.fingerprint(),
@@ -264,8 +260,11 @@ impl Arguments {
         // The flag is required with --measurement.
         let psf = self.capture.psf.clone().unwrap_or_default();
         let kind = self.decoder.unwrap_or(DecoderKind::TotalVariation);
-        if kind == DecoderKind::Network {
-            return Err(anyhow::anyhow!("--decoder network: expected a design, found a capture; choose tv").into());
+        if kind.needs().training {
+            return Err(anyhow::anyhow!(
+                "--decoder: expected tv, found {kind}, which is trained for a design; choose tv"
+            )
+            .into());
         }
         let decoder = kind.decoder(None)?;
         let files = CaptureFiles { measurement, psf, dark: self.capture.dark.clone(), bin: self.capture.bin };

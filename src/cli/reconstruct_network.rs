@@ -1,4 +1,4 @@
-//! Networks of `reconstruct --decoder network`: trained for the design, or read from files.
+//! Networks of `reconstruct --decoder network` and `unet`: trained for the design, or read from files.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,8 @@ use super::output::{self, ProgressLine};
 use crate::formats::{read_bytes, write_safely};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderKind, DecoderScene, ImagingModel, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks,
-    TrainingPoint, TrainingStep,
+    Decoder, DecoderKind, DecoderScene, ImagingModel, NetworkDecoder, NetworkTraining, Prior, ReconstructionError,
+    TrainedNetwork, TrainedUnet, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep, UnetDecoder, UnetTraining,
 };
 
 /// Most networks.
@@ -61,22 +61,34 @@ pub struct NetworkResult {
     steps: usize,
     training_seconds: f64,
     validation_psnr_db: f64,
-    validation_linear_psnr_db: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    validation_linear_psnr_db: Option<f64>,
     /// No weights were better than the linear estimate, which is therefore kept.
     keeps_linear: bool,
     curve: Vec<TrainingPoint>,
 }
 
-impl From<&TrainedNetwork> for NetworkResult {
-    fn from(network: &TrainedNetwork) -> Self {
-        Self {
-            seed: network.seed,
-            steps: network.steps,
-            training_seconds: network.seconds,
-            validation_psnr_db: network.psnr_db,
-            validation_linear_psnr_db: network.linear_psnr_db,
-            keeps_linear: network.is_linear(),
-            curve: network.curve.clone(),
+impl From<&Trained> for NetworkResult {
+    fn from(network: &Trained) -> Self {
+        match network {
+            Trained::Network(network) => Self {
+                seed: network.seed,
+                steps: network.steps,
+                training_seconds: network.seconds,
+                validation_psnr_db: network.psnr_db,
+                validation_linear_psnr_db: Some(network.linear_psnr_db),
+                keeps_linear: network.is_linear(),
+                curve: network.curve.clone(),
+            },
+            Trained::Unet(network) => Self {
+                seed: network.seed,
+                steps: network.steps,
+                training_seconds: network.seconds,
+                validation_psnr_db: network.psnr_db,
+                validation_linear_psnr_db: None,
+                keeps_linear: false,
+                curve: network.curve.clone(),
+            },
         }
     }
 }
@@ -91,10 +103,14 @@ impl NetworkArgs {
             ("--any-mask", self.any_mask),
             ("--weights", self.weights.is_some()),
         ];
-        if let (Some((name, _)), true) = (given.iter().find(|(_, given)| *given), decoder != DecoderKind::Network) {
+        let first = given.iter().find(|(_, given)| *given);
+        if let (Some((name, _)), false) = (first, decoder.needs().training) {
             anyhow::bail!(
-                "{name}: expected --decoder network, found {decoder}; choose that decoder or leave {name} out"
+                "{name}: expected --decoder network or unet, found {decoder}; choose one of these or leave {name} out"
             );
+        }
+        if self.any_mask && decoder != DecoderKind::Network {
+            anyhow::bail!("--any-mask: expected --decoder network, found {decoder}; leave --any-mask out");
         }
         check_count("--networks", self.networks, 1..=MOST_NETWORKS)?;
         self.steps.map_or(Ok(()), |steps| check_count("--steps", steps, 1..=MOST_STEPS))
@@ -108,17 +124,18 @@ impl NetworkArgs {
     /// The networks, trained or read. Trained ones are written into `out` as soon as they are.
     pub fn networks(
         &self,
+        kind: DecoderKind,
         (scene, model): (&DecoderScene, &ImagingModel),
         (seed, out): (u64, Option<&Path>),
     ) -> Result<Networks, Failure> {
-        let start = self.weights.as_deref().map(|path| read(path, scene)).transpose()?;
+        let start = self.weights.as_deref().map(|path| Trained::read(kind, path, scene)).transpose()?;
         let budget = match (self.budget, self.steps) {
             (_, Some(steps)) => Some(TrainingBudget::Steps(steps)),
             (Some(BudgetChoice(budget)), None) => Some(TrainingBudget::Seconds(budget.as_secs_f64())),
             (None, None) => None,
         };
         if let (Some(start), None) = (&start, budget) {
-            return Ok(Networks { networks: vec![Arc::new(start.clone())], files: Vec::new() });
+            return Ok(Networks { networks: vec![start.clone()], files: Vec::new() });
         }
         let budget = budget.unwrap_or(TrainingBudget::Seconds(BUDGET_SECONDS));
         let masks = if self.any_mask {
@@ -128,23 +145,31 @@ impl NetworkArgs {
         };
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {
-            let training = NetworkTraining { budget, seed: seed.wrapping_add(index as u64) };
+            let seed = seed.wrapping_add(index as u64);
             let line = ProgressLine::new();
-            line.show(0, PARTS as usize, "Learning the prior");
+            line.show(0, PARTS as usize, "Preparing");
             let mut show = |step: &TrainingStep| {
                 line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
                 ControlFlow::Continue(())
             };
-            let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
+            let cancel = CancelToken::new();
+            let network = if kind == DecoderKind::Unet {
+                let start = start.as_ref().and_then(Trained::unet);
+                Trained::Unet(Arc::new(UnetTraining { budget, seed }.train(scene, model, start, &cancel, &mut show)?))
+            } else {
+                let start = start.as_ref().and_then(Trained::network);
+                let training = NetworkTraining { budget, seed };
+                Trained::Network(Arc::new(training.train(scene, &masks, start, &cancel, &mut show)?))
+            };
             line.finish();
-            output::report(format_args!("Network {}: {}", index + 1, summary(&network)));
+            output::report(format_args!("Network {}: {}", index + 1, network.summary()));
             if let Some(out) = out {
                 let path = out.join(format!("network-{}.safetensors", index + 1));
-                let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
+                let bytes = network.to_bytes()?;
                 write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
                 result.files.push(path);
             }
-            result.networks.push(Arc::new(network));
+            result.networks.push(network);
         }
         Ok(result)
     }
@@ -153,28 +178,81 @@ impl NetworkArgs {
 /// Networks and the files that they were written to.
 pub struct Networks {
     /// The networks.
-    pub networks: Vec<Arc<TrainedNetwork>>,
+    pub networks: Vec<Trained>,
     /// One file each, where there is a folder.
     pub files: Vec<PathBuf>,
 }
 
-fn read(path: &Path, scene: &DecoderScene) -> anyhow::Result<TrainedNetwork> {
-    let about = || format!("--weights {}", path.display());
-    let network = TrainedNetwork::from_bytes(&read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
-    network.start_of(scene).with_context(about)?;
-    Ok(network)
+/// A trained network of either kind.
+#[derive(Clone)]
+pub enum Trained {
+    /// On top of the linear estimate.
+    Network(Arc<TrainedNetwork>),
+    /// The published U-net.
+    Unet(Arc<TrainedUnet>),
+}
+
+impl Trained {
+    fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene) -> anyhow::Result<Self> {
+        let about = || format!("--weights {}", path.display());
+        let bytes = read_bytes(path, LARGEST_WEIGHTS)?;
+        if kind == DecoderKind::Unet {
+            let network = TrainedUnet::from_bytes(&bytes).with_context(about)?;
+            network.start_of(scene).with_context(about)?;
+            return Ok(Self::Unet(Arc::new(network)));
+        }
+        let network = TrainedNetwork::from_bytes(&bytes).with_context(about)?;
+        network.start_of(scene).with_context(about)?;
+        Ok(Self::Network(Arc::new(network)))
+    }
+
+    fn network(&self) -> Option<&TrainedNetwork> {
+        if let Self::Network(network) = self { Some(network) } else { None }
+    }
+
+    fn unet(&self) -> Option<&TrainedUnet> {
+        if let Self::Unet(network) = self { Some(network) } else { None }
+    }
+
+    /// The network as a decoder; that on top of the linear estimate needs the prior.
+    pub fn decoder(
+        &self,
+        scene: &DecoderScene,
+        prior: Option<&Arc<Prior>>,
+    ) -> Result<Box<dyn Decoder>, ReconstructionError> {
+        Ok(match self {
+            Self::Network(network) => {
+                let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: DecoderKind::Network.name() })?;
+                Box::new(NetworkDecoder::new(network.clone(), scene, prior.clone())?)
+            }
+            Self::Unet(network) => Box::new(UnetDecoder::new(network.clone(), scene)?),
+        })
+    }
+
+    fn to_bytes(&self) -> anyhow::Result<Vec<u8>> {
+        Ok(match self {
+            Self::Network(network) => network.to_bytes()?,
+            Self::Unet(network) => network.to_bytes()?,
+        })
+    }
+
+    fn summary(&self) -> String {
+        let (steps, seconds, psnr_db, more) = match self {
+            Self::Network(network) => {
+                let kept =
+                    if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
+                let linear = format!(", linear estimate {:.2} dB{kept}", network.linear_psnr_db);
+                (network.steps, network.seconds, network.psnr_db, linear)
+            }
+            Self::Unet(network) => (network.steps, network.seconds, network.psnr_db, String::new()),
+        };
+        format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB{more}")
+    }
 }
 
 fn text_of(step: &TrainingStep, (number, of): (usize, usize)) -> String {
     let name = if of == 1 { "Training".to_owned() } else { format!("Training network {number} of {of}") };
     let validated = step.validation.map_or(String::new(), |point| format!("{:.2} dB, ", point.psnr_db));
-    format!("{name}: {validated}linear {:.2} dB, {:.1} steps/s", step.linear_psnr_db, step.steps_per_second)
-}
-
-fn summary(network: &TrainedNetwork) -> String {
-    let TrainedNetwork { steps, seconds, psnr_db, linear_psnr_db, .. } = network;
-    let kept = if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
-    format!(
-        "{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB, linear estimate {linear_psnr_db:.2} dB{kept}"
-    )
+    let linear = step.linear_psnr_db.map_or(String::new(), |linear| format!("linear {linear:.2} dB, "));
+    format!("{name}: {validated}{linear}{:.1} steps/s", step.steps_per_second)
 }

@@ -31,10 +31,13 @@ pub use kernels::workspace_pool::Pool;
 pub use layers::activation::{
     elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward, silu_plus,
 };
+pub use layers::batch_norm::{BatchNorm, ChannelSums, NormRelu, moment_sums};
 pub use layers::convolution::Convolution3x3;
 pub use layers::dense::Layer;
 pub use layers::pixel_shuffle::{pixel_shuffle, pixel_unshuffle};
+pub use layers::pooling::{max_pool, max_pool_backward};
 pub use layers::rms_norm::{rms_norm, rms_norm_backward};
+pub use layers::upsampling::{concatenate, split_channels, upsample, upsample_backward};
 pub use optimizers::adam::{Adam, moving_average};
 pub use optimizers::learning_rate::{cosine_factor, learning_rate_factor, warmup_factor};
 pub use optimizers::muon::Muon;

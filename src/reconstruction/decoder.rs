@@ -162,14 +162,16 @@ pub enum DecoderKind {
     TotalVariation,
     /// Trained network on top of the linear estimate.
     Network,
+    /// Published U-net, trained for one mask.
+    Unet,
     /// Richardson-Lucy iterations until the residual is that of the noise; needs no objects.
     RichardsonLucy,
 }
 
 impl DecoderKind {
     /// All decoders, in the order of the menu.
-    pub const ALL: [Self; 5] =
-        [Self::Linear, Self::Posterior, Self::TotalVariation, Self::Network, Self::RichardsonLucy];
+    pub const ALL: [Self; 6] =
+        [Self::Linear, Self::Posterior, Self::TotalVariation, Self::Network, Self::Unet, Self::RichardsonLucy];
 
     /// Name in the window and in results.
     pub fn name(self) -> &'static str {
@@ -178,6 +180,7 @@ impl DecoderKind {
             Self::Posterior => "Posterior mean",
             Self::TotalVariation => "Total variation",
             Self::Network => "Trained network",
+            Self::Unet => "Published U-net",
             Self::RichardsonLucy => "Richardson-Lucy",
         }
     }
@@ -185,7 +188,7 @@ impl DecoderKind {
     /// What it needs.
     pub fn needs(self) -> DecoderNeeds {
         let objects = matches!(self, Self::Linear | Self::Posterior | Self::Network);
-        DecoderNeeds { objects, training: self == Self::Network }
+        DecoderNeeds { objects, training: matches!(self, Self::Network | Self::Unet) }
     }
 }
 

@@ -74,9 +74,7 @@ pub enum ReconstructionError {
         decoder: &'static str,
     },
     /// The network was trained for another mask.
-    #[error(
-        "network: expected the mask that it was trained for, found another; train it for this one, or for any mask"
-    )]
+    #[error("network: expected the mask that it was trained for, found another; train it for this one")]
     OtherMask,
     /// The network was trained for other objects.
     #[error(

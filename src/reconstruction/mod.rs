@@ -15,6 +15,7 @@ mod network;
 mod one_by_one;
 mod posterior_mean;
 mod protocol;
+mod published_unet;
 mod quality;
 mod richardson_lucy;
 mod standard;
@@ -31,6 +32,7 @@ pub use network::{
 };
 pub use posterior_mean::PosteriorMean;
 pub use protocol::{DecoderQuality, DecoderScene, DecoderTest, Evaluated, TestObjects};
+pub use published_unet::{TrainedUnet, UnetDecoder, UnetTraining};
 pub use quality::{ImageQuality, psnr_db};
 pub use richardson_lucy::RichardsonLucy;
 pub use total_variation::TotalVariation;

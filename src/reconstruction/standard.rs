@@ -25,7 +25,7 @@ impl DecoderKind {
                 let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: self.name() })?;
                 Box::new(PosteriorMean::new(&prior, None)?)
             }
-            Self::Network => return Err(ReconstructionError::NoNetwork { decoder: self.name() }),
+            Self::Network | Self::Unet => return Err(ReconstructionError::NoNetwork { decoder: self.name() }),
             Self::TotalVariation => Box::new(TotalVariation::default()),
             Self::RichardsonLucy => Box::new(RichardsonLucy::default()),
         })

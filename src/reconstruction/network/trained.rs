@@ -48,7 +48,8 @@ impl NetworkMask {
         Self::One { psf_hash: hash_of(model.psf()) }
     }
 
-    fn serves(&self, model: &ImagingModel) -> bool {
+    /// Whether a network for this mask serves a model.
+    pub(in crate::reconstruction) fn serves(&self, model: &ImagingModel) -> bool {
         match self {
             Self::One { psf_hash } => *psf_hash == hash_of(model.psf()),
             Self::Any { psf } => *psf == model.psf().dim(),
@@ -169,7 +170,7 @@ impl TrainedNetwork {
     }
 
     /// Key of the objects of a scene, their light, the background and the noise.
-    pub(super) fn scene_key(scene: &DecoderScene) -> String {
+    pub(in crate::reconstruction) fn scene_key(scene: &DecoderScene) -> String {
         content_key(&serde_json::json!({
             "objects": scene.set.fingerprint(),
             "light": json_of(&scene.light),

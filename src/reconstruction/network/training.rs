@@ -67,9 +67,9 @@ pub struct TrainingStep {
     /// Mean squared error of recent training objects, in units of the squared peak.
     pub loss: f64,
     /// That of the linear estimate of the same objects.
-    pub linear_loss: f64,
+    pub linear_loss: Option<f64>,
     /// PSNR of the linear estimate on the validation objects, dB.
-    pub linear_psnr_db: f64,
+    pub linear_psnr_db: Option<f64>,
     /// The latest validation.
     pub validation: Option<TrainingPoint>,
     /// How often training diverged and went on from averaged weights at half the rate.
@@ -148,8 +148,8 @@ impl NetworkTraining {
                 seconds: run.seconds,
                 steps_per_second: run.steps as f64 / run.seconds.max(1e-9),
                 loss: run.recent.map_or(0.0, |recent| recent.loss),
-                linear_loss: run.recent.map_or(0.0, |recent| recent.linear),
-                linear_psnr_db: validation.linear_psnr_db,
+                linear_loss: run.recent.map(|recent| recent.linear),
+                linear_psnr_db: Some(validation.linear_psnr_db),
                 validation: curve.last().copied(),
                 restarts: run.restarts,
             };

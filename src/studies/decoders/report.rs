@@ -3,7 +3,6 @@
 use super::record::{Correlation, DecoderStudyRecord, MaskRow};
 use crate::information::with_interval;
 use crate::plural::counted;
-use crate::reconstruction::DecoderKind;
 
 /// Placeholder of an unknown value.
 const NOTHING: &str = "-";
@@ -72,7 +71,7 @@ pub(super) fn markdown(record: &DecoderStudyRecord) -> String {
     let settings = &record.settings;
     let sweeps =
         settings.sweeps.map_or(String::new(), |sweeps| format!("; posterior mean by {}", counted(sweeps, "sweep")));
-    let training = if settings.decoders.contains(&DecoderKind::Network) {
+    let training = if settings.decoders.iter().any(|decoder| decoder.needs().training) {
         format!("; networks trained for {} s", settings.training_seconds)
     } else {
         String::new()

@@ -19,7 +19,7 @@ use crate::objects::ObjectSource;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::{
     Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest, NetworkDecoder, NetworkTraining, PosteriorMean,
-    ReconstructionError, ReconstructionStep, TrainingBudget, TrainingMasks, TrainingStep,
+    ReconstructionError, ReconstructionStep, TrainingBudget, TrainingMasks, TrainingStep, UnetDecoder, UnetTraining,
 };
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
@@ -203,6 +203,13 @@ fn quality(
             let cancel = CancelToken::new();
             let network = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
             Box::new(NetworkDecoder::new(Arc::new(network), &scene, prior)?)
+        }
+        (DecoderKind::Unet, ..) => {
+            let budget = TrainingBudget::Seconds(settings.training_seconds);
+            let training = UnetTraining { budget, seed: settings.seed };
+            let cancel = CancelToken::new();
+            let network = training.train(&scene, &model, None, &cancel, &mut |_: &TrainingStep| poll())?;
+            Box::new(UnetDecoder::new(Arc::new(network), &scene)?)
         }
         (_, prior, _) => kind.decoder(prior)?,
     };
