@@ -76,6 +76,14 @@ fn networks_are_trained_tested_and_read_again() {
         (format!("{line} --weights images.idx"), "not weights of this network"),
         ("reconstruct --steps 3".to_owned(), "--steps: expected --decoder network"),
         (format!("{line} --networks 0"), "--networks 0: expected 1 to 100"),
+        (
+            "reconstruct --decoder unet --any-mask".to_owned(),
+            "--any-mask: expected --decoder network, found Published U-net",
+        ),
+        (
+            "reconstruct --decoder unet --objects idx:images.idx --weights a/network-1.safetensors".to_owned(),
+            "not weights of this network",
+        ),
     ] {
         let told = bench.refused(&line);
         assert!(told.contains(message), "{message} in {told}");

@@ -30,8 +30,8 @@ const MOST_VALIDATION_OBJECTS: usize = 2_000;
 const VALIDATION_OBJECTS_PER_STEP: usize = 16;
 /// Epochs of the schedule.
 const EPOCHS: usize = 200;
-/// Largest share of a budget between validations.
-const SHARE_BETWEEN_VALIDATIONS: f64 = 0.1;
+/// Largest share of a budget between validations: a tenth, and less than that by rounding.
+const SHARE_BETWEEN_VALIDATIONS: f64 = 0.1 - 1e-9;
 /// Rate at the start, and weight decay of `AdamW` (Loshchilov and Hutter 2019).
 const RATE: f64 = 2e-3;
 const WEIGHT_DECAY: f64 = 1e-4;
