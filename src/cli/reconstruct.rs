@@ -174,9 +174,11 @@ impl Arguments {
         let scene = DecoderScene::new(&forward, self.protocol)?;
         let psf = forward.psf(&design)?;
         let model = scene.model(psf.view())?;
-        let trained = match kind.needs().training {
-            true => Some(self.network.networks(kind, (&scene, &model), (design.seed, self.out.as_deref()))?),
-            false => None,
+        let seed_and_folder = (design.seed, self.out.as_deref());
+        let trained = if kind.needs().training {
+            Some(self.network.networks(kind, (&scene, &model), seed_and_folder)?)
+        } else {
+            None
         };
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");

@@ -5,7 +5,7 @@ use crate::nn::kernels::elementwise::{each, elementwise};
 
 elementwise!(Largest, 4 => 1, |[a, b, c, d], _| [a.max(b).max(c.max(d))]);
 elementwise!(ToLargest, 5 => 4, |[a, b, c, d, gradient], [by_a, by_b, by_c, by_d]| {
-    // Among equals the first in the order of rows, as in PyTorch.
+    // Among equals the first in the order of rows, as in `PyTorch`.
     let is_a = a >= b && a >= c && a >= d;
     let is_b = !is_a && b >= c && b >= d;
     let is_c = !is_a && !is_b && c >= d;

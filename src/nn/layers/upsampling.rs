@@ -27,7 +27,7 @@ fn neighbour(at: usize, count: usize) -> usize {
 
 vectorised! {
     /// Doubles both sides of `input` (rows, cols, channels) by bilinear interpolation between pixel centres; `out` is
-    /// (2 rows, 2 cols, channels). Outside the image lies its edge: `align_corners` is false in PyTorch's words.
+    /// (2 rows, 2 cols, channels). Outside the image lies its edge: `align_corners` is false in `PyTorch`'s words.
     pub fn upsample<'a>(input: &'a [f32], cols: usize, channels: usize, out: &'a mut [f32]) {
         let length = cols * channels;
         let rows = input.len() / length;

@@ -84,7 +84,7 @@ impl Layers {
     }
 }
 
-/// Uniform of variance 1 / (3 inputs), with which PyTorch begins.
+/// Uniform of variance 1 / (3 inputs), with which `PyTorch` begins.
 fn uniform(inputs: usize) -> Initial {
     let high = 1.0 / (inputs as f32).sqrt();
     Initial::Uniform { low: -high, high }

@@ -79,7 +79,8 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
 /// Switches of error and uncertainty.
 fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconstruction>) {
     let has_deviation = shown.is_some_and(|shown| shown.standard_deviation.is_some());
-    let has_posterior = !matches!(state.decoder, DecoderKind::TotalVariation | DecoderKind::RichardsonLucy);
+    let has_posterior =
+        !matches!(state.decoder, DecoderKind::TotalVariation | DecoderKind::RichardsonLucy | DecoderKind::Unet);
     for (quantity, text, name, is_possible, hint) in [
         (ShownQuantity::Error, "Error", "Reconstruction error", shown.is_some(), "Object minus reconstruction"),
         (
