@@ -310,11 +310,11 @@ mod tests {
     #[test]
     fn cancel_ends_running_task_only() {
         let fixture = fixture();
-        fixture.go_on.send(()).unwrap();
         fixture.add(&["until cancelled", "two"]);
         assert_eq!(fixture.begun.recv().unwrap(), "until cancelled");
         fixture.thread.change(|queue| queue.running.as_ref().unwrap().cancel());
         assert_eq!(fixture.ended(), [("until cancelled", Ok(0))]);
+        fixture.go_on.send(()).unwrap();
         assert_eq!(fixture.ended()[1], ("two", Ok(1)));
     }
 
