@@ -68,7 +68,8 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
         .selected_text(decoder.name())
         .width(118.0_f32.min(ui.max_rect().width() - 8.0))
         .show_ui(ui, |ui| {
-            for kind in DecoderKind::ALL {
+            // Networks are trained by the command line.
+            for kind in DecoderKind::ALL.into_iter().filter(|kind| !kind.needs().training) {
                 ui.selectable_value(decoder, kind, kind.name());
             }
         })
