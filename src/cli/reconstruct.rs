@@ -167,6 +167,11 @@ impl Arguments {
         }
         let kind = self.decoder.unwrap_or_default();
         self.network.check(kind)?;
+        if self.sweeps.is_some() && kind != DecoderKind::Posterior {
+            return Err(
+                anyhow::anyhow!("--sweeps: expected --decoder posterior, found {kind}; leave --sweeps out").into()
+            );
+        }
         let forward = ForwardModel::open(&design).map_err(|error| about_objects(&design, error.into()))?;
         if let Some(understood) = forward.set.understood() {
             output::report(format_args!("{}: {understood}", design.objects));
@@ -375,7 +380,8 @@ impl TestResult {
             lines.push(format!("       {sample} dB not clipped; in closed form {closed_form:.3} dB"));
         }
         lines.push(number("SSIM", quality.ssim, quality.ssim_interval_95));
-        lines.push(number("MSE", quality.mse, quality.mse_interval_95));
+        let [low, high] = quality.mse_interval_95;
+        lines.push(format!("{:<7}{:.3e} [{low:.3e}, {high:.3e}]", "MSE", quality.mse));
         if let (Some(r2), Some(interval)) = (quality.r2, quality.r2_interval_95) {
             lines.push(number("R2", r2, interval));
         }

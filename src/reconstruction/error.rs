@@ -142,6 +142,14 @@ impl From<SensorError> for ReconstructionError {
 }
 
 impl ReconstructionError {
+    /// The error of a network for another scene, by the descriptions of both sets of objects.
+    pub(super) fn other_scene(expected: &str, mut found: String) -> Self {
+        if found == expected {
+            found += " of other content, or in another light, background or noise";
+        }
+        Self::OtherScene { expected: expected.to_owned(), found }
+    }
+
     /// The error of an array of another shape.
     pub(super) fn shape(what: &'static str, expected: &[usize], found: &[usize]) -> Self {
         let text = |shape: &[usize]| shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");

@@ -147,6 +147,8 @@ fn what_cannot_be_reconstructed_is_refused() {
         ("reconstruct --objects idx:one.idx", "test objects of idx:one.idx"),
         ("reconstruct --objects idx:none.idx", "none.idx"),
         ("reconstruct --decoder magic", "magic"),
+        ("reconstruct --sweeps 9", "expected --decoder posterior"),
+        ("study decoders --objects idx:images.idx --decoders posterior --out s", "posterior, which is for beads"),
         ("reconstruct --decoder posterior --objects idx:images.idx", "expected beads"),
         ("reconstruct --measurement capture.npy", "--psf"),
         ("reconstruct --psf psf.npy", "--measurement"),

@@ -19,6 +19,8 @@ use crate::seeds::SeedStream;
 const MOST_ITERATIONS: usize = 200;
 /// The residual that ends the iterations, relative to the measurement, in units of the noise.
 const TOLERANCE: f64 = 1e-3;
+/// Least variance of the noise in shares of the squared mean measurement. Single precision solves no problem with less noise.
+const LEAST_RELATIVE_VARIANCE: f64 = 1e-5;
 /// Errors that the standard deviation is the root mean square of.
 const SAMPLES: usize = 48;
 /// Pixels to each side that the variance is averaged over, as so few samples scatter.
@@ -76,7 +78,12 @@ impl<C: MeasurementCovariance> IterativeDecoder<C> {
     ) -> Result<Self, ReconstructionError> {
         let left_out = covariance.left_out();
         let lit = left_out.as_ref().map(|[lit, _]| lit.view());
-        let measurement = MeanMeasurement::new(model, covariance.mean_lit().view(), lit)?;
+        let mut measurement = MeanMeasurement::new(model, covariance.mean_lit().view(), lit)?;
+        let mean = measurement.mean.iter().map(|&value| f64::from(value)).sum::<f64>() / measurement.mean.len() as f64;
+        let least = (LEAST_RELATIVE_VARIANCE * mean * mean) as f32;
+        for variance in &mut measurement.variance {
+            *variance = variance.max(least);
+        }
         Ok(Self { model: model.clone(), covariance, measurement, mean_truth, variance: OnceLock::new() })
     }
 

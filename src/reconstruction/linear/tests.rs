@@ -260,6 +260,24 @@ fn beads_are_estimated_as_by_the_dense_matrices() {
     assert!((mse / expected - 1.0).abs() < 0.12, "{mse} against {expected}");
 }
 
+/// Less noise makes no estimate worse, down to a sensor without any.
+#[test]
+fn estimates_get_better_with_less_noise() {
+    let options = crate::objects::ObjectOptions { field: (40, 44), mean_photons: 60.0 };
+    let set = crate::objects::ObjectSet::open(&"beads:0.03".parse().unwrap(), &options).unwrap();
+    let prior = Arc::new(Prior::learn(&set, Light::Scene, &CancelToken::new()).unwrap());
+    let mse = |noise| {
+        let model = ImagingModel::new(psf(8, 9).view(), (40, 44), 10.0, noise).unwrap();
+        let prepared = LinearMmse::new(prior.clone()).prepare(&model, &CancelToken::new()).unwrap();
+        prepared.expected_mse(&CancelToken::new()).unwrap().unwrap()
+    };
+    let noises = [Noise::Shot, Noise::Read { sigma: 1.0 }, Noise::Read { sigma: 0.1 }, Noise::None];
+    let found = noises.map(mse);
+    for pair in found.windows(2) {
+        assert!(pair[1] < 1.02 * pair[0], "{found:?}");
+    }
+}
+
 /// Beads: the mean thins out at the border, and the estimate is that of independent sites.
 #[test]
 fn beads_have_their_mean_and_their_expected_error() {

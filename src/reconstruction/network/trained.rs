@@ -187,7 +187,7 @@ impl TrainedNetwork {
         if self.scene == Self::scene_key(scene) {
             return Ok(self);
         }
-        Err(ReconstructionError::OtherScene { expected: self.set.clone(), found: scene.set.describe() })
+        Err(ReconstructionError::other_scene(&self.set, scene.set.describe()))
     }
 
     /// Refuses another mask than that of the training.

@@ -108,7 +108,7 @@ impl TrainedUnet {
         if self.scene == Self::scene_key(scene) {
             return Ok(self);
         }
-        Err(ReconstructionError::OtherScene { expected: self.set.clone(), found: scene.set.describe() })
+        Err(ReconstructionError::other_scene(&self.set, scene.set.describe()))
     }
 
     /// Refuses another mask than that of the training.

@@ -97,7 +97,14 @@ impl DecoderStudySettings {
         distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
         distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
         distinct("decoders", self.decoders.iter().map(ToString::to_string).collect())?;
+        let plan = self.plan();
         for objects in &self.objects {
+            let is_decoded = |cell: &PlannedCell<'_>| cell.objects == objects && cell.decoder.is_some();
+            if !plan.iter().any(is_decoded) {
+                let (expected, found) =
+                    (format!("one for {}", objects.source), "posterior, which is for beads".to_owned());
+                return Err(StudyError::Setting { what: "decoders", expected, found });
+            }
             for design in &self.designs {
                 self.design(objects, design).check().map_err(crate::evaluation::EvaluationError::from)?;
             }
