@@ -14,13 +14,13 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::reconstruct_network::{NetworkArgs, NetworkResult, Networks, Trained};
+use super::reconstruct_network::{NetworkArgs, NetworkResult};
 use crate::forward::{ForwardModel, notices_of};
 use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, PosteriorMean, Prior, ReconstructionError, ReconstructionStep,
+    Evaluated, ImagingModel, ReconstructionError, ReconstructionStep, TrainedDecoder,
 };
 use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -187,14 +187,14 @@ impl Arguments {
         };
         let progress_line = ProgressLine::new();
         progress_line.show(0, self.test, "Learning the prior");
-        let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
-        let decoders: Vec<Box<dyn Decoder>> = match (&trained, prior) {
-            (Some(Networks { networks, .. }), prior) => {
-                let prior = prior.map(Arc::new);
-                let decoder = |network: &Trained| network.decoder(&scene, prior.as_ref());
-                networks.iter().map(decoder).collect::<Result<_, _>>()?
+        let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?.map(Arc::new);
+        let chains = self.sweeps.map(|sweeps| PosteriorChains::of_sweeps(sweeps, design.seed));
+        let decoders: Vec<Box<dyn Decoder>> = match &trained {
+            Some(trained) => {
+                let decoder = |network: &TrainedDecoder| network.decoder(&scene, prior.as_ref());
+                trained.networks.iter().map(decoder).collect::<Result<_, _>>()?
             }
-            (None, prior) => vec![self.decoder_of_kind(kind, prior, design.seed)?],
+            None => vec![kind.decoder(prior, chains)?],
         };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
@@ -248,20 +248,6 @@ impl Arguments {
         output::print(&result.lines().join("\n"))
     }
 
-    fn decoder_of_kind(
-        &self,
-        kind: DecoderKind,
-        prior: Option<Prior>,
-        seed: u64,
-    ) -> Result<Box<dyn Decoder>, ReconstructionError> {
-        match (kind, &prior, self.sweeps) {
-            (DecoderKind::Posterior, Some(prior), Some(sweeps)) => {
-                Ok(Box::new(PosteriorMean::new(prior, Some(PosteriorChains::of_sweeps(sweeps, seed)))?))
-            }
-            _ => kind.decoder(prior.map(Arc::new)),
-        }
-    }
-
     fn reconstruct_capture(&self, measurement: PathBuf) -> Result<(), Failure> {
         check_count("--bin", self.capture.bin, 1..=LARGEST_BIN)?;
         // The flag is required with --measurement.
@@ -273,7 +259,7 @@ impl Arguments {
             )
             .into());
         }
-        let decoder = kind.decoder(None)?;
+        let decoder = kind.decoder(None, None)?;
         let files = CaptureFiles { measurement, psf, dark: self.capture.dark.clone(), bin: self.capture.bin };
         if let Some(out) = &self.out {
             check_folder(out)?;
@@ -287,21 +273,19 @@ impl Arguments {
         let mut objects = Vec::new();
         let mut corner = (0, 0);
         for channel in &channels {
-            let CaptureChannel { measurements, psf, gain, noise } = channel;
+            let CaptureChannel { measurements, psf, noise, .. } = channel;
             let model = ImagingModel::of_capture(psf.view(), shape_of(measurements), *noise)?;
             corner = model.sensor_corner();
             let prepared = decoder.prepare(&model, &CancelToken::new())?;
             let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
             let found = prepared.reconstruct(measurements.view(), &mut on_progress)?;
-            objects.push(found.mapv(|photons| (f64::from(photons) * gain) as f32));
+            objects.push(channel.grey_values(found.view()));
         }
         progress_line.finish();
         let seconds = started.elapsed().as_secs_f64();
         let objects = with_channels(&objects);
-        let measured: Vec<Array3<f32>> = channels
-            .iter()
-            .map(|channel| channel.measurements.mapv(|photons| (f64::from(photons) * channel.gain) as f32))
-            .collect();
+        let measured: Vec<Array3<f32>> =
+            channels.iter().map(|channel| channel.grey_values(channel.measurements.view())).collect();
         let measured = with_channels(&measured);
         let mut object_shape = objects.shape().to_vec();
         if channels.len() == 1 {

@@ -2,7 +2,6 @@
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use anyhow::Context;
 use clap::Args;
@@ -14,8 +13,8 @@ use super::output::{self, ProgressLine};
 use crate::formats::{read_bytes, write_safely};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    Decoder, DecoderKind, DecoderScene, ImagingModel, NetworkDecoder, NetworkTraining, Prior, ReconstructionError,
-    TrainedNetwork, TrainedUnet, TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep, UnetDecoder, UnetTraining,
+    DecoderKind, DecoderScene, DecoderTraining, ImagingModel, TrainedDecoder, TrainingBudget, TrainingMasks,
+    TrainingPoint, TrainingRecord, TrainingStep,
 };
 
 /// Most networks.
@@ -68,27 +67,17 @@ pub struct NetworkResult {
     curve: Vec<TrainingPoint>,
 }
 
-impl From<&Trained> for NetworkResult {
-    fn from(network: &Trained) -> Self {
-        match network {
-            Trained::Network(network) => Self {
-                seed: network.seed,
-                steps: network.steps,
-                training_seconds: network.seconds,
-                validation_psnr_db: network.psnr_db,
-                validation_linear_psnr_db: Some(network.linear_psnr_db),
-                keeps_linear: network.is_linear(),
-                curve: network.curve.clone(),
-            },
-            Trained::Unet(network) => Self {
-                seed: network.seed,
-                steps: network.steps,
-                training_seconds: network.seconds,
-                validation_psnr_db: network.psnr_db,
-                validation_linear_psnr_db: None,
-                keeps_linear: false,
-                curve: network.curve.clone(),
-            },
+impl From<&TrainedDecoder> for NetworkResult {
+    fn from(network: &TrainedDecoder) -> Self {
+        let training = network.training();
+        Self {
+            seed: training.seed,
+            steps: training.steps,
+            training_seconds: training.seconds,
+            validation_psnr_db: training.psnr_db,
+            validation_linear_psnr_db: network.linear_psnr_db(),
+            keeps_linear: network.is_linear(),
+            curve: training.curve.clone(),
         }
     }
 }
@@ -128,7 +117,7 @@ impl NetworkArgs {
         (scene, model): (&DecoderScene, &ImagingModel),
         (seed, out): (u64, Option<&Path>),
     ) -> Result<Networks, Failure> {
-        let start = self.weights.as_deref().map(|path| Trained::read(kind, path, scene)).transpose()?;
+        let start = self.weights.as_deref().map(|path| read(kind, path, scene)).transpose()?;
         let budget = match (self.budget, self.steps) {
             (_, Some(steps)) => Some(TrainingBudget::Steps(steps)),
             (Some(BudgetChoice(budget)), None) => Some(TrainingBudget::Seconds(budget.as_secs_f64())),
@@ -152,20 +141,13 @@ impl NetworkArgs {
                 line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
                 ControlFlow::Continue(())
             };
-            let cancel = CancelToken::new();
-            let network = if kind == DecoderKind::Unet {
-                let start = start.as_ref().and_then(Trained::unet);
-                Trained::Unet(Arc::new(UnetTraining { budget, seed }.train(scene, model, start, &cancel, &mut show)?))
-            } else {
-                let start = start.as_ref().and_then(Trained::network);
-                let training = NetworkTraining { budget, seed };
-                Trained::Network(Arc::new(training.train(scene, &masks, start, &cancel, &mut show)?))
-            };
+            let training = DecoderTraining { kind, budget, seed };
+            let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
             line.finish();
-            output::report(format_args!("Network {}: {}", index + 1, network.summary()));
+            output::report(format_args!("Network {}: {}", index + 1, summary(&network)));
             if let Some(out) = out {
                 let path = out.join(format!("network-{}.safetensors", index + 1));
-                let bytes = network.to_bytes()?;
+                let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
                 write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
                 result.files.push(path);
             }
@@ -178,76 +160,23 @@ impl NetworkArgs {
 /// Networks and the files that they were written to.
 pub struct Networks {
     /// The networks.
-    pub networks: Vec<Trained>,
+    pub networks: Vec<TrainedDecoder>,
     /// One file each, where there is a folder.
     pub files: Vec<PathBuf>,
 }
 
-/// A trained network of either kind.
-#[derive(Clone)]
-pub enum Trained {
-    /// On top of the linear estimate.
-    Network(Arc<TrainedNetwork>),
-    /// The published U-net.
-    Unet(Arc<TrainedUnet>),
+fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene) -> anyhow::Result<TrainedDecoder> {
+    let about = || format!("--weights {}", path.display());
+    let network = TrainedDecoder::from_bytes(kind, &read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
+    network.training().check_scene(scene).with_context(about)?;
+    Ok(network)
 }
 
-impl Trained {
-    fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene) -> anyhow::Result<Self> {
-        let about = || format!("--weights {}", path.display());
-        let bytes = read_bytes(path, LARGEST_WEIGHTS)?;
-        if kind == DecoderKind::Unet {
-            let network = TrainedUnet::from_bytes(&bytes).with_context(about)?;
-            network.start_of(scene).with_context(about)?;
-            return Ok(Self::Unet(Arc::new(network)));
-        }
-        let network = TrainedNetwork::from_bytes(&bytes).with_context(about)?;
-        network.start_of(scene).with_context(about)?;
-        Ok(Self::Network(Arc::new(network)))
-    }
-
-    fn network(&self) -> Option<&TrainedNetwork> {
-        if let Self::Network(network) = self { Some(network) } else { None }
-    }
-
-    fn unet(&self) -> Option<&TrainedUnet> {
-        if let Self::Unet(network) = self { Some(network) } else { None }
-    }
-
-    /// The network as a decoder; that on top of the linear estimate needs the prior.
-    pub fn decoder(
-        &self,
-        scene: &DecoderScene,
-        prior: Option<&Arc<Prior>>,
-    ) -> Result<Box<dyn Decoder>, ReconstructionError> {
-        Ok(match self {
-            Self::Network(network) => {
-                let prior = prior.ok_or(ReconstructionError::NoPrior { decoder: DecoderKind::Network.name() })?;
-                Box::new(NetworkDecoder::new(network.clone(), scene, prior.clone())?)
-            }
-            Self::Unet(network) => Box::new(UnetDecoder::new(network.clone(), scene)?),
-        })
-    }
-
-    fn to_bytes(&self) -> anyhow::Result<Vec<u8>> {
-        Ok(match self {
-            Self::Network(network) => network.to_bytes()?,
-            Self::Unet(network) => network.to_bytes()?,
-        })
-    }
-
-    fn summary(&self) -> String {
-        let (steps, seconds, psnr_db, more) = match self {
-            Self::Network(network) => {
-                let kept =
-                    if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
-                let linear = format!(", linear estimate {:.2} dB{kept}", network.linear_psnr_db);
-                (network.steps, network.seconds, network.psnr_db, linear)
-            }
-            Self::Unet(network) => (network.steps, network.seconds, network.psnr_db, String::new()),
-        };
-        format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB{more}")
-    }
+fn summary(network: &TrainedDecoder) -> String {
+    let TrainingRecord { steps, seconds, psnr_db, .. } = network.training();
+    let kept = if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
+    let linear = network.linear_psnr_db().map_or(String::new(), |psnr| format!(", linear estimate {psnr:.2} dB{kept}"));
+    format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB{linear}")
 }
 
 fn text_of(step: &TrainingStep, (number, of): (usize, usize)) -> String {

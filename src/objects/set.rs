@@ -194,20 +194,6 @@ impl ObjectSet {
         self
     }
 
-    /// The training part in two sets without common base images, whole sets for training. `None` for beads, and for fewer than four
-    /// training images. The mean and the fingerprint stay those of the whole set.
-    pub fn halves_of_training(&self) -> Option<[Self; 2]> {
-        let (Content::Mosaic(_, parts) | Content::Whole(_, parts)) = &self.content else { return None };
-        let halves = parts.halves_of_training()?;
-        Some(halves.map(|half| {
-            let mut set = self.clone();
-            if let Content::Mosaic(_, parts) | Content::Whole(_, parts) = &mut set.content {
-                *parts = half;
-            }
-            set
-        }))
-    }
-
     /// The part to fit models on, and the part that validates the fit. There is a validation part where the training
     /// images are few enough for a long fit to overfit.
     pub fn fitting_parts(&self) -> (Split, Option<Split>) {

@@ -21,7 +21,7 @@ use crate::progress::{CancelToken, Progress};
 /// let forward = ForwardModel::open(&design)?;
 /// let model = ImagingModel::of_design(&design, &forward)?;
 /// let prior = Prior::learn(&forward.set, Light::Scene, &CancelToken::new())?;
-/// let decoder = DecoderKind::Linear.decoder(Some(Arc::new(prior)))?;
+/// let decoder = DecoderKind::Linear.decoder(Some(Arc::new(prior)), None)?;
 /// let prepared = decoder.prepare(&model, &CancelToken::new())?;
 /// let measured = forward.simulate(model.psf().insert_axis(ndarray::Axis(0)), 0..2, 1)?;
 /// let objects = prepared.reconstruct(measured.noisy.view(), &mut CancelToken::new())?;
@@ -183,6 +183,11 @@ impl DecoderKind {
             Self::Unet => "Published U-net",
             Self::RichardsonLucy => "Richardson-Lucy",
         }
+    }
+
+    /// Whether it has a posterior standard deviation.
+    pub fn has_deviation(self) -> bool {
+        matches!(self, Self::Linear | Self::Posterior | Self::Network)
     }
 
     /// What it needs.

@@ -73,6 +73,15 @@ pub enum ReconstructionError {
         /// The decoder.
         decoder: &'static str,
     },
+    /// The U-net is trained for one mask.
+    #[error("Published U-net: expected one mask to train for, found any; train it for one, or choose network")]
+    OneMask,
+    /// The decoder has no training.
+    #[error("{decoder}: expected a decoder that is trained, found one that is not; choose network or unet")]
+    Untrained {
+        /// The decoder.
+        decoder: &'static str,
+    },
     /// The network was trained for another mask.
     #[error("network: expected the mask that it was trained for, found another; train it for this one")]
     OtherMask,

@@ -20,19 +20,21 @@ mod quality;
 mod richardson_lucy;
 mod standard;
 mod total_variation;
+mod trained_decoder;
+mod training_record;
 
 pub use capture::{Capture, CaptureChannel, CaptureError, CaptureFiles, DarkLevel};
 pub use decoder::{Decoder, DecoderKind, DecoderNeeds, ObjectEstimates, PreparedDecoder, ReconstructionStep};
 pub use error::ReconstructionError;
 pub use linear::{Light, LinearMmse, Prior};
 pub use model::ImagingModel;
-pub use network::{
-    NetworkDecoder, NetworkMask, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingPoint,
-    TrainingStep,
-};
+pub use network::{NetworkDecoder, NetworkTraining, TrainedNetwork, TrainingBudget, TrainingMasks, TrainingStep};
 pub use posterior_mean::PosteriorMean;
+pub(crate) use protocol::TestScores;
 pub use protocol::{DecoderQuality, DecoderScene, DecoderTest, Evaluated, TestObjects};
 pub use published_unet::{TrainedUnet, UnetDecoder, UnetTraining};
 pub use quality::{ImageQuality, psnr_db};
 pub use richardson_lucy::RichardsonLucy;
 pub use total_variation::TotalVariation;
+pub use trained_decoder::{DecoderTraining, TrainedDecoder};
+pub use training_record::{NetworkMask, TrainingPoint, TrainingRecord};

@@ -13,7 +13,7 @@ use crate::progress::{CancelToken, Progress};
 
 /// Largest number of pixels of a field: 8192 x 8192.
 const MOST_PIXELS: usize = 1 << 26;
-/// Fields of so many pixels are solved one after another, with all threads at work on each.
+/// Pixels of a field from which images are solved one after another, with all threads on each.
 const LARGE_PIXELS: usize = 1 << 17;
 
 /// A method for one measurement.

@@ -138,7 +138,7 @@ impl PreparedDecoder for Prepared {
                 Some(chains) => {
                     let found = self.by_chains(measurements, chains, &mut |done, so_far| {
                         if total > 1 {
-                            // Of the images before this group; sweeps only ask whether to go on.
+                            // The count is that of the images before this group; here it only polls for cancellation.
                             return report(progress, &ReconstructionStep::Images { done: first, total });
                         }
                         let object = so_far().first().map(|posterior| self.object(&posterior.mean).into());

@@ -4,14 +4,14 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ndarray::{Array2, Array3, ArrayView3, Axis};
+use ndarray::{Array, Array2, Array3, ArrayView, ArrayView3, Axis, Dimension};
 use serde::{Deserialize, Serialize};
 
 use super::decoder::{Decoder, DecoderKind, ReconstructionStep};
 use super::error::ReconstructionError;
 use super::linear::{Light, Prior, mean_object};
 use super::model::ImagingModel;
-use super::quality::{ImageQuality, psnr_db};
+use super::quality::{ImageQuality, clipped_mse, psnr_db};
 use crate::forward::ForwardModel;
 use crate::information::{InformationError, Protocol, paired_interval};
 use crate::objects::{ObjectSet, Split};
@@ -238,10 +238,7 @@ impl DecoderTest {
         let started = Instant::now();
         let prepared = decoder.prepare(model, &cancel)?;
         let mut seconds = started.elapsed().as_secs_f64();
-        let peak = scene.set.peak();
-        let to_truth = |photons: &Array3<f32>| photons.mapv(|value| (f64::from(value) / peak) as f32);
-        let mean = scene.mean_object();
-        let (mut all, mut constant, mut expected) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut scores, mut expected) = (TestScores::new(scene), Vec::new());
         for first in (0..self.objects).step_by(BATCH) {
             let numbers = first..(first + BATCH).min(self.objects);
             let test = scene.test_objects(model, numbers.clone(), self.seed)?;
@@ -253,45 +250,79 @@ impl DecoderTest {
             let reconstructions = estimates.objects;
             expected.extend(estimates.expected_mse.unwrap_or_default());
             seconds += started.elapsed().as_secs_f64();
-            let truth = to_truth(&test.objects);
-            let quality = ImageQuality::of_stack(truth.view(), to_truth(&reconstructions).view())?;
-            let same = Array3::from_shape_fn(truth.dim(), |(_, row, col)| mean[(row, col)]);
-            let of_constant = ImageQuality::of_stack(truth.view(), to_truth(&same).view())?;
-            constant.extend(of_constant.iter().map(|quality| quality.mse));
-            receive(&Evaluated { first, test: &test, reconstructions: reconstructions.view(), quality: &quality })?;
-            all.extend(quality);
+            let quality = scores.add(test.objects.view(), reconstructions.view())?;
+            receive(&Evaluated { first, test: &test, reconstructions: reconstructions.view(), quality })?;
         }
+        let peak = scene.set.peak();
         let to_psnr = |mse: f64| psnr_db(mse / (peak * peak));
         let closed_form = prepared.expected_mse(&cancel)?.map(to_psnr);
         let posterior = (!expected.is_empty()).then(|| to_psnr(expected.iter().sum::<f64>() / expected.len() as f64));
-        let quality = self.summary(decoder.kind(), scene, &all, &constant, seconds)?;
+        let quality = scores.summary(decoder.kind(), scene.protocol, self.seed, seconds)?;
         Ok(DecoderQuality { psnr_linear_closed_form_db: closed_form, psnr_posterior_db: posterior, ..quality })
     }
+}
 
-    /// Quality over test objects whose `all` and whose errors of the mean object (`constant`) are known.
+/// Quality of the test objects so far.
+pub(crate) struct TestScores {
+    peak: f64,
+    /// Mean of the training objects in units of the peak.
+    mean_object: Array2<f32>,
+    quality: Vec<ImageQuality>,
+    /// Squared errors of the mean object.
+    constant: Vec<f64>,
+}
+
+impl TestScores {
+    /// No scores in a scene.
+    pub(crate) fn new(scene: &DecoderScene) -> Self {
+        let peak = scene.set.peak();
+        let mean_object = in_units_of(peak, scene.mean_object().view());
+        Self { peak, mean_object, quality: Vec::new(), constant: Vec::new() }
+    }
+
+    /// Test objects so far.
+    pub(crate) fn count(&self) -> usize {
+        self.quality.len()
+    }
+
+    /// Adds objects and their reconstructions, both of shape (n, rows, cols), photons per pixel. Returns the quality of each.
+    ///
+    /// # Errors
+    /// As [`ImageQuality::of`].
+    pub(crate) fn add(
+        &mut self,
+        objects: ArrayView3<'_, f32>,
+        reconstructions: ArrayView3<'_, f32>,
+    ) -> Result<&[ImageQuality], ReconstructionError> {
+        let [truth, found] = [objects, reconstructions].map(|photons| in_units_of(self.peak, photons));
+        let before = self.count();
+        self.quality.extend(ImageQuality::of_stack(truth.view(), found.view())?);
+        self.constant.extend(truth.outer_iter().map(|truth| clipped_mse(truth, self.mean_object.view())));
+        Ok(&self.quality[before..])
+    }
+
+    /// Quality over the objects so far.
     ///
     /// # Errors
     /// [`ReconstructionError::Information`] for fewer than two objects.
     pub(crate) fn summary(
-        self,
+        &self,
         decoder: DecoderKind,
-        scene: &DecoderScene,
-        all: &[ImageQuality],
-        constant: &[f64],
+        protocol: Protocol,
+        seed: u64,
         seconds: f64,
     ) -> Result<DecoderQuality, ReconstructionError> {
-        let list = |value: fn(&ImageQuality) -> f64| all.iter().map(value).collect::<Vec<_>>();
-        let seed = self.seed;
+        let list = |value: fn(&ImageQuality) -> f64| self.quality.iter().map(value).collect::<Vec<_>>();
         let psnr = Mean::psnr(&list(|quality| quality.mse), seed)?;
         let unclipped = Mean::psnr(&list(|quality| quality.mse_unclipped), seed)?;
         let mse = Mean::of(&list(|quality| quality.mse), seed)?;
         let ssim = Mean::of(&list(|quality| quality.ssim), seed)?;
-        let r2: Vec<f64> = all.iter().filter_map(|quality| quality.r2).collect();
+        let r2: Vec<f64> = self.quality.iter().filter_map(|quality| quality.r2).collect();
         let r2 = if r2.is_empty() { None } else { Some(Mean::of(&r2, seed)?) };
-        let constant = Mean::psnr(constant, seed)?;
+        let constant = Mean::psnr(&self.constant, seed)?;
         Ok(DecoderQuality {
             decoder,
-            protocol: scene.protocol,
+            protocol,
             psnr_db: psnr.value,
             psnr_db_interval_95: psnr.interval,
             ssim: ssim.value,
@@ -306,13 +337,18 @@ impl DecoderTest {
             psnr_unclipped_db_interval_95: unclipped.interval,
             psnr_linear_closed_form_db: None,
             psnr_posterior_db: None,
-            test_objects: self.objects,
+            test_objects: self.count(),
             networks: 0,
-            peak_photons: scene.set.peak(),
+            peak_photons: self.peak,
             seed,
             seconds,
         })
     }
+}
+
+/// Photons in units of the peak.
+fn in_units_of<D: Dimension>(peak: f64, photons: ArrayView<'_, f32, D>) -> Array<f32, D> {
+    photons.mapv(|value| (f64::from(value) / peak) as f32)
 }
 
 #[cfg(test)]
@@ -359,7 +395,7 @@ mod tests {
     fn linear_estimate_of_beads_is_as_good_as_its_closed_form() {
         let (scene, model) = scene(Protocol::Default);
         let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
-        let decoder = DecoderKind::Linear.decoder(Some(prior)).unwrap();
+        let decoder = DecoderKind::Linear.decoder(Some(prior), None).unwrap();
         let test = DecoderTest { objects: 70, seed: 3 };
         let (mut parts, mut errors) = (Vec::new(), Vec::new());
         let quality = test

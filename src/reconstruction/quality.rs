@@ -89,6 +89,12 @@ pub fn psnr_db(mse: f64) -> f64 {
     -10.0 * (mse + LEAST_MSE).log10()
 }
 
+/// Mean squared error of an estimate clipped to [0, 1], without the other numbers of [`ImageQuality`]; both of one shape.
+pub(super) fn clipped_mse(truth: ArrayView2<'_, f32>, estimate: ArrayView2<'_, f32>) -> f64 {
+    let clipped = estimate.mapv(|value| f64::from(value).clamp(0.0, 1.0));
+    mean_squared_difference(&truth.mapv(f64::from), &clipped)
+}
+
 fn mean_squared_difference(a: &Array2<f64>, b: &Array2<f64>) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() / a.len() as f64
 }

@@ -192,17 +192,9 @@ impl StudySettings {
     /// # Errors
     /// [`StudyError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), StudyError> {
-        let distinct = |what: &'static str, names: Vec<String>| {
-            let mut seen = HashSet::new();
-            let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
-            match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {
-                Some(found) => Err(StudyError::Setting { what, expected: "each once".into(), found }),
-                None => Ok(()),
-            }
-        };
-        distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
-        distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
-        distinct("patches", self.patches.iter().map(|&patch| patch_name(patch)).collect())?;
+        check_distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
+        check_distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
+        check_distinct("patches", self.patches.iter().map(|&patch| patch_name(patch)).collect())?;
         self.model()?;
         NoiseEntropy::new(self.noise, Protocol::Default).map_err(EvaluationError::from)?;
         for (objects, design) in self.objects.iter().flat_map(|objects| self.designs.iter().map(move |d| (objects, d)))
@@ -310,6 +302,16 @@ impl PlannedCell<'_> {
     /// Objects, design and patch for people.
     pub fn name(&self) -> String {
         format!("{}, {}, {}", self.objects.source, self.design.name, patch_name(self.patch))
+    }
+}
+
+/// Refuses names that are missing or given twice.
+pub(super) fn check_distinct(what: &'static str, names: Vec<String>) -> Result<(), StudyError> {
+    let mut seen = HashSet::new();
+    let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
+    match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {
+        Some(found) => Err(StudyError::Setting { what, expected: "each once".into(), found }),
+        None => Ok(()),
     }
 }
 

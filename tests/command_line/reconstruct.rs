@@ -31,7 +31,7 @@ fn a_design_has_image_quality_and_files() {
         assert_eq!(read_grey(&bench.path(format!("a/example-2-{name}.png"))).unwrap().dim(), shape);
     }
     // The same again, in words, without files.
-    let told = bench.done(line.trim_end_matches(" --examples 2"));
+    let printed = bench.done(line.trim_end_matches(" --examples 2"));
     for part in [
         "Linear MMSE: 5 lenslets imaging beads:0.02, default protocol",
         "PSNR",
@@ -39,9 +39,9 @@ fn a_design_has_image_quality_and_files() {
         "in closed form",
         "6 test objects",
     ] {
-        assert!(told.contains(part), "{part} in {told}");
+        assert!(printed.contains(part), "{part} in {printed}");
     }
-    assert!(told.contains(&format!("{:.3} [", number(&result, "psnr_db"))), "{told}");
+    assert!(printed.contains(&format!("{:.3} [", number(&result, "psnr_db"))), "{printed}");
 }
 
 #[test]
@@ -85,8 +85,8 @@ fn networks_are_trained_tested_and_read_again() {
             "not weights of this network",
         ),
     ] {
-        let told = bench.refused(&line);
-        assert!(told.contains(message), "{message} in {told}");
+        let printed = bench.refused(&line);
+        assert!(printed.contains(message), "{message} in {printed}");
     }
 }
 
@@ -121,9 +121,9 @@ fn a_capture_is_reconstructed_with_its_psf() {
     for name in ["reconstruction-1.png", "measurement-1.png"] {
         assert!(bench.path("b").join(name).is_file(), "{name}");
     }
-    let told =
+    let printed =
         bench.done("reconstruct --measurement capture.npy --psf psf.npy --decoder richardson-lucy --bin 2 --dark 8");
-    assert!(told.contains("Richardson-Lucy of capture.npy: 1 x 23 x 25"), "{told}");
+    assert!(printed.contains("Richardson-Lucy of capture.npy: 1 x 23 x 25"), "{printed}");
 }
 
 #[test]

@@ -44,7 +44,7 @@ fn reconstruction_and_its_quality_are_those_of_the_library() {
     let scene = DecoderScene::new(&forward, Protocol::Default).unwrap();
     let model = scene.model(forward.psf(&design).unwrap().view()).unwrap();
     let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
-    let decoder = DecoderKind::Linear.decoder(Some(prior)).unwrap().prepare(&model, &CancelToken::new()).unwrap();
+    let decoder = DecoderKind::Linear.decoder(Some(prior), None).unwrap().prepare(&model, &CancelToken::new()).unwrap();
     let measurements = studio(&window).session().live().measurements.unwrap();
     let measurement = measurements.value.noisy.index_axis(Axis(0), 0);
     let object = decoder.reconstruct_one(measurement, &mut CancelToken::new()).unwrap();

@@ -55,7 +55,7 @@ pub struct ObjectPosterior {
 /// Length of the chains of one measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PosteriorChains {
-    /// Independent chains. Samples of all of them count alike, so the variance tells where they disagree.
+    /// Independent chains. Samples of all of them count alike, so the variance shows where they disagree.
     pub chains: usize,
     /// Sweeps from the decoder's probabilities to the posterior.
     pub annealing: usize,

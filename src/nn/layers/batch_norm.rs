@@ -282,7 +282,7 @@ mod tests {
             expected(input, weights).0.iter().zip(&by_output).map(|(value, by)| value * f64::from(*by)).sum()
         };
         let (input, weights) = (wide(&input), wide(&weights));
-        let slope = |values: &[f64], at: usize, of: &dyn Fn(&[f64]) -> f64| {
+        let difference = |values: &[f64], at: usize, of: &dyn Fn(&[f64]) -> f64| {
             let moved = |by: f64| {
                 let mut values = values.to_vec();
                 values[at] += by;
@@ -291,11 +291,11 @@ mod tests {
             (moved(1e-6) - moved(-1e-6)) / 2e-6
         };
         for at in (0..input.len()).step_by(101) {
-            let expected = slope(&input, at, &|input| loss(input, &weights));
+            let expected = difference(&input, at, &|input| loss(input, &weights));
             assert!((f64::from(by_input[at]) - expected).abs() < 1e-4, "{at}: {} {expected}", by_input[at]);
         }
         for (at, found) in by_weights.iter().enumerate() {
-            let expected = slope(&weights, at, &|weights| loss(&input, weights));
+            let expected = difference(&weights, at, &|weights| loss(&input, weights));
             assert!((f64::from(*found) - expected).abs() < 1e-4, "{at}: {found} {expected}");
         }
     }

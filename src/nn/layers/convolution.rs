@@ -134,17 +134,23 @@ mod tests {
                 let kept = weights[at];
                 weights[at] += 1.0;
                 let step = f64::from(weights[at] - kept);
-                let slope = (loss(&weights, &input) - before) / step;
+                let difference = (loss(&weights, &input) - before) / step;
                 weights[at] = kept;
-                assert!((f64::from(gradient[at]) - slope).abs() < 1e-3 * slope.abs().max(1.0), "{at}: {slope}");
+                assert!(
+                    (f64::from(gradient[at]) - difference).abs() < 1e-3 * difference.abs().max(1.0),
+                    "{at}: {difference}"
+                );
             }
             for at in (0..input.len()).step_by(29) {
                 let kept = input[at];
                 input[at] += 1.0;
                 let step = f64::from(input[at] - kept);
-                let slope = (loss(&weights, &input) - before) / step;
+                let difference = (loss(&weights, &input) - before) / step;
                 input[at] = kept;
-                assert!((f64::from(by_input[at]) - slope).abs() < 1e-3 * slope.abs().max(1.0), "{at}: {slope}");
+                assert!(
+                    (f64::from(by_input[at]) - difference).abs() < 1e-3 * difference.abs().max(1.0),
+                    "{at}: {difference}"
+                );
             }
         }
     }

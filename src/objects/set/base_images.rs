@@ -1,4 +1,4 @@
-//! What a set tells about its prior: that of the beads, or base images to learn one from.
+//! The prior of a set: that of the beads, or base images to learn one from.
 
 use ndarray::Array2;
 
@@ -33,6 +33,20 @@ impl ObjectSet {
             mosaic.for_each_pixel(image as usize, |row, col, photons| tile[row * side + col] = photons as f32);
         }
         Some(tiles)
+    }
+
+    /// The training part in two sets without common base images, whole sets for training. `None` for beads, and for fewer than four
+    /// training images. The mean and the fingerprint stay those of the whole set.
+    pub fn halves_of_training(&self) -> Option<[Self; 2]> {
+        let (Content::Mosaic(_, parts) | Content::Whole(_, parts)) = &self.content else { return None };
+        let halves = parts.halves_of_training()?;
+        Some(halves.map(|half| {
+            let mut set = self.clone();
+            if let Content::Mosaic(_, parts) | Content::Whole(_, parts) = &mut set.content {
+                *parts = half;
+            }
+            set
+        }))
     }
 
     /// Photons per pixel of a truth of 1, the peak of image quality: a count of 255 of 8-bit images, the brightest pixel of others. For

@@ -8,7 +8,7 @@ mod noise;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use ndarray::{Array2, Array3, ArrayView2, Axis, s};
+use ndarray::{Array, Array2, Array3, ArrayView, ArrayView2, Axis, Dimension, s};
 use thiserror::Error;
 
 use crate::formats::{Channel, FormatError, ImageFile, ImageSummary, PixelStack};
@@ -157,6 +157,13 @@ pub struct CaptureChannel {
     pub gain: f64,
     /// Estimated noise, photons.
     pub noise: Noise,
+}
+
+impl CaptureChannel {
+    /// Photons of this channel as grey values (DN) above the dark level.
+    pub fn grey_values<D: Dimension>(&self, photons: ArrayView<'_, f32, D>) -> Array<f32, D> {
+        photons.mapv(|photons| (f64::from(photons) * self.gain) as f32)
+    }
 }
 
 impl CaptureFiles {

@@ -44,7 +44,7 @@ impl SensorNoise {
         if gain > 0.0 {
             return Self { gain, read_sigma: (variance.sqrt() / gain).max(1e-3) };
         }
-        // No shot noise: read noise alone, in photons so many that their own noise does not matter.
+        // Read noise alone: a gain so small that the shot noise of the photons is negligible.
         let gain = (light / QUIET_PHOTONS).max(f64::MIN_POSITIVE);
         Self { gain, read_sigma: (variance.sqrt() / gain).max(1e-3) }
     }
@@ -58,8 +58,8 @@ fn moments(group: &[(f64, f64)]) -> (f64, f64) {
     (mean, (sizes[sizes.len() / 2] / MEDIAN_DEVIATION).powi(2))
 }
 
-/// Slope and start, neither negative, of the variance by light. Groups count by the inverse of their squared variance, as its relative
-/// error is the same.
+/// Gain (slope) and read variance (start) of the variance by light, neither negative. Groups count by the inverse of their
+/// squared variance, as its relative error is the same.
 fn line(groups: &[(f64, f64)]) -> (f64, f64) {
     let least = groups.iter().map(|group| group.1).fold(0.0, f64::max) * 1e-6;
     let weight = |variance: f64| 1.0 / variance.max(least).max(f64::MIN_POSITIVE).powi(2);
@@ -69,12 +69,12 @@ fn line(groups: &[(f64, f64)]) -> (f64, f64) {
     });
     let [n, x, y, xx, xy] = sums;
     let determinant = n * xx - x * x;
-    let slope = if determinant > 0.0 { (n * xy - x * y) / determinant } else { 0.0 };
-    let start = if n > 0.0 { (y - slope * x) / n } else { 0.0 };
-    if slope <= 0.0 || !slope.is_finite() {
+    let gain = if determinant > 0.0 { (n * xy - x * y) / determinant } else { 0.0 };
+    let start = if n > 0.0 { (y - gain * x) / n } else { 0.0 };
+    if gain <= 0.0 || !gain.is_finite() {
         return (0.0, if n > 0.0 { (y / n).max(0.0) } else { 0.0 });
     }
-    if start < 0.0 { (if xx > 0.0 { (xy / xx).max(0.0) } else { 0.0 }, 0.0) } else { (slope, start) }
+    if start < 0.0 { (if xx > 0.0 { (xy / xx).max(0.0) } else { 0.0 }, 0.0) } else { (gain, start) }
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ impl Light {
         }
     }
 
-    /// Factor from an estimate of lit objects to the scale of a set of this mean, where the estimate says nothing better.
+    /// Expected factor from lit objects to the scale of a set of this mean.
     pub(crate) fn to_set_scale(self, set_mean: f64) -> f64 {
         match self {
             Self::Scene => 1.0,

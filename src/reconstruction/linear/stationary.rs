@@ -14,7 +14,7 @@ use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::fourier::{Fourier, FourierBuffer, place};
 use crate::reconstruction::model::ImagingModel;
 
-/// Longest lag of the covariance, px. Beyond, images tell little about each other, and the transforms grow.
+/// Longest lag of the covariance, px. Pixels further apart are hardly correlated, and longer lags need larger transforms.
 const LONGEST_LAG: usize = 255;
 
 /// Mean and autocovariance of the objects of a set.

@@ -22,7 +22,7 @@ const MOST_COMPONENTS: usize = 300;
 const MOST_VALUES: usize = 1 << 26;
 /// Fewest images that variances are validated on.
 const LEAST_VALIDATION: usize = 8;
-/// Fewest and most objects that are drawn for samples lit one by one.
+/// Fewest and most objects that are drawn for samples where each object is lit to the same mean.
 const FEWEST_OBJECTS: usize = 500;
 const MOST_OBJECTS: usize = 3000;
 

@@ -126,7 +126,8 @@ impl<'a> Batches<'a> {
         let mut parts: Vec<std::vec::IntoIter<Sample>> = Vec::new();
         for (fold, features) in &self.bank {
             let set = &self.folds[*fold].set;
-            let samples = samples(self.scene, (set, Split::Train), features, (self.drawn, share, self.seed), cancel)?;
+            let draw = Draw { set, split: Split::Train, first: self.drawn, count: share, seed: self.seed };
+            let samples = samples(self.scene, draw, features, cancel)?;
             parts.push(samples.into_iter());
             self.drawn += share;
         }
@@ -141,12 +142,23 @@ impl<'a> Batches<'a> {
     }
 }
 
-/// Draws objects `first` to `first + count - 1` of a part of a set, and measures them.
+/// Objects of a part of a set.
+#[derive(Clone, Copy)]
+pub(super) struct Draw<'a> {
+    pub(super) set: &'a ObjectSet,
+    pub(super) split: Split,
+    /// Number of the first object.
+    pub(super) first: usize,
+    pub(super) count: usize,
+    /// Seed of objects and noise.
+    pub(super) seed: u64,
+}
+
+/// Draws objects and measures them.
 pub(super) fn samples(
     scene: &DecoderScene,
-    (set, split): (&ObjectSet, Split),
+    Draw { set, split, first, count, seed }: Draw<'_>,
     features: &Features,
-    (first, count, seed): (usize, usize, u64),
     cancel: &CancelToken,
 ) -> Result<Vec<Sample>, ReconstructionError> {
     let objects = set.objects_from(split, first, count, SeedStream::ReconstructionObjects.derive(seed))?;

@@ -37,7 +37,7 @@ impl NetworkDecoder {
         scene: &DecoderScene,
         prior: Arc<Prior>,
     ) -> Result<Self, ReconstructionError> {
-        network.start_of(scene)?;
+        network.training.check_scene(scene)?;
         Ok(Self { network, prior, set_mean: scene.set.mean() })
     }
 }
@@ -52,7 +52,7 @@ impl Decoder for NetworkDecoder {
         model: &ImagingModel,
         cancel: &CancelToken,
     ) -> Result<Box<dyn PreparedDecoder>, ReconstructionError> {
-        self.network.check_mask(model)?;
+        self.network.training.check_mask(model)?;
         check_memory(model.field(), 1)?;
         let moments = (self.network.deviation, self.set_mean);
         let features = Features::new(model, &self.prior, moments, cancel)?;

@@ -14,5 +14,5 @@ mod unet;
 
 pub use decoder::NetworkDecoder;
 pub use masks::TrainingMasks;
-pub use trained::{NetworkMask, TrainedNetwork, TrainingPoint};
+pub use trained::TrainedNetwork;
 pub use training::{NetworkTraining, TrainingBudget, TrainingStep};

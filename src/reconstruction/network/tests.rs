@@ -71,7 +71,7 @@ fn equal_seeds_give_equal_weights_for_any_number_of_threads() {
     };
     let (one, three) = (with_threads(1), with_threads(3));
     assert!(one.weights == three.weights);
-    assert_eq!((one.steps, one.psnr_db), (3, three.psnr_db));
+    assert_eq!((one.training.steps, one.training.psnr_db), (3, three.training.psnr_db));
 }
 
 #[test]
@@ -79,7 +79,12 @@ fn network_learns_what_the_linear_estimate_cannot_know() {
     let scene = bars();
     let model = model(&scene, (1, 6));
     let network = Arc::new(train(&scene, &TrainingMasks::One(model.clone()), 60));
-    assert!(network.psnr_db > network.linear_psnr_db + 1.0, "{} {}", network.psnr_db, network.linear_psnr_db);
+    assert!(
+        network.training.psnr_db > network.linear_psnr_db + 1.0,
+        "{} {}",
+        network.training.psnr_db,
+        network.linear_psnr_db
+    );
     assert!(!network.is_linear());
     let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
     let test = |decoder: &dyn Decoder| {
@@ -143,7 +148,7 @@ fn network_for_any_mask_serves_all_of_its_grid() {
     let masks = TrainingMasks::One(model(&scene, (1, 6)));
     let further = training.train(&scene, &masks, Some(&network), &CancelToken::new(), &mut CancelToken::new()).unwrap();
     assert_eq!(further.deviation, network.deviation);
-    assert_ne!(further.mask, network.mask);
+    assert_ne!(further.training.mask, network.training.mask);
 }
 
 #[test]

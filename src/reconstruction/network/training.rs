@@ -8,11 +8,11 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::batches::{BATCH, Batches, Sample, samples};
+use super::batches::{BATCH, Batches, Draw, Sample, samples};
 use super::features::{CHANNELS, Features, deviation_of, padded};
 use super::layers::Layers;
 use super::masks::{TrainingMasks, random_psf};
-use super::trained::{NetworkMask, TrainedNetwork, TrainingPoint};
+use super::trained::TrainedNetwork;
 use super::unet::{Activations, Ready, check_memory};
 use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
 use crate::objects::{ObjectSet, Split};
@@ -21,6 +21,7 @@ use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
 use crate::reconstruction::protocol::DecoderScene;
 use crate::reconstruction::quality::psnr_db;
+use crate::reconstruction::training_record::{NetworkMask, TrainingPoint, TrainingRecord};
 use crate::seeds::SeedStream;
 
 /// Rate of the kernels that Muon updates.
@@ -31,7 +32,7 @@ const LOSS_FACTOR: f32 = 30.0;
 const CLIP: f32 = 1.0;
 /// Share of a loss in the recent loss.
 const RECENT: f64 = 0.02;
-/// Steps before the recent loss tells whether training diverges.
+/// Steps before the recent loss can show divergence.
 const STEPS_BEFORE_CHECK: usize = 50;
 /// Recent loss relative to that of the linear estimate that counts as divergence.
 const DIVERGED: f64 = 1.05;
@@ -72,7 +73,7 @@ pub struct TrainingStep {
     pub linear_psnr_db: Option<f64>,
     /// The latest validation.
     pub validation: Option<TrainingPoint>,
-    /// How often training diverged and went on from averaged weights at half the rate.
+    /// Number of times that training diverged and resumed from averaged weights at half the rate.
     pub restarts: usize,
 }
 
@@ -93,7 +94,7 @@ pub struct NetworkTraining {
 impl NetworkTraining {
     /// Trains a network for the objects of a scene, from the weights of `start` where there are any.
     ///
-    /// `progress` hears of each step. It pauses training as long as it does not return; that time is no work.
+    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work.
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where mask and field do not fit, and where `start` is of other objects;
@@ -113,7 +114,10 @@ impl NetworkTraining {
         check_memory(scene.set.field(), BATCH)?;
         let seed = SeedStream::ReconstructionNetwork.derive(self.seed);
         let deviation = match start {
-            Some(start) => start.start_of(scene)?.deviation,
+            Some(start) => {
+                start.training.check_scene(scene)?;
+                start.deviation
+            }
             None => deviation_of(&scene.set)?,
         };
         let training = (*scene.set).clone().of_training();
@@ -157,19 +161,12 @@ impl NetworkTraining {
                 return Err(ReconstructionError::Cancelled);
             }
         }
+        let record = TrainingRecord::new(scene, mask, self.seed);
         Ok(TrainedNetwork {
-            set: scene.set.describe(),
-            scene: TrainedNetwork::scene_key(scene),
-            field: scene.set.field(),
-            mask,
+            training: TrainingRecord { steps: run.steps, seconds: run.seconds, psnr_db: best.psnr_db, curve, ..record },
+            linear_psnr_db: validation.linear_psnr_db,
             deviation,
             weights: best.weights,
-            seed: self.seed,
-            steps: run.steps,
-            seconds: run.seconds,
-            psnr_db: best.psnr_db,
-            linear_psnr_db: validation.linear_psnr_db,
-            curve,
         })
     }
 }
@@ -276,7 +273,7 @@ impl<'a> Run<'a> {
         recent.steps > STEPS_BEFORE_CHECK && recent.loss > DIVERGED * recent.linear
     }
 
-    /// Goes on from the averaged weights at half the rate; from new ones where these are not finite.
+    /// Resumes from the averaged weights at half the rate, or from new weights where these are not finite.
     fn restart(&mut self) {
         self.restarts += 1;
         self.rate *= 0.5;
@@ -353,8 +350,8 @@ impl Validation {
         let mut all = Vec::new();
         for (index, model) in models.iter().enumerate() {
             let features = Features::new(model, &prior, (deviation, scene.set.mean()), cancel)?;
-            let place = (index * count, count, seed);
-            all.extend(samples(scene, (training, Split::Test), &features, place, cancel)?);
+            let draw = Draw { set: training, split: Split::Test, first: index * count, count, seed };
+            all.extend(samples(scene, draw, &features, cancel)?);
         }
         let (field, peak) = (scene.set.field(), scene.set.peak() as f32);
         let mut validation = Self { samples: all, peak, field, linear_psnr_db: 0.0 };

@@ -253,8 +253,8 @@ mod tests {
                 }
                 loss(&weights, &mut memory)
             };
-            let slope = (shifted(step) - shifted(-step)) / (2.0 * step);
-            assert!((slope / square - 1.0).abs() < 0.02, "{}: {slope} {square}", tensor.name);
+            let difference = (shifted(step) - shifted(-step)) / (2.0 * step);
+            assert!((difference / square - 1.0).abs() < 0.02, "{}: {difference} {square}", tensor.name);
         }
     }
 }

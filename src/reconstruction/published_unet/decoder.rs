@@ -31,7 +31,7 @@ impl UnetDecoder {
     /// # Errors
     /// [`ReconstructionError::OtherScene`] where it was trained for another one.
     pub fn new(network: Arc<TrainedUnet>, scene: &DecoderScene) -> Result<Self, ReconstructionError> {
-        network.start_of(scene)?;
+        network.training.check_scene(scene)?;
         Ok(Self { network, peak: scene.set.peak() })
     }
 }
@@ -46,7 +46,7 @@ impl Decoder for UnetDecoder {
         model: &ImagingModel,
         _cancel: &CancelToken,
     ) -> Result<Box<dyn PreparedDecoder>, ReconstructionError> {
-        self.network.check_mask(model)?;
+        self.network.training.check_mask(model)?;
         Ok(Box::new(PreparedUnet { decoder: self.clone(), model: model.clone() }))
     }
 }

@@ -118,8 +118,8 @@ fn gradient_is_the_difference_of_the_loss() {
             }
             passes.step(&mut weights, &batch, &mut unused, &cancel).unwrap()
         };
-        let slope = (shifted(step) - shifted(-step)) / (2.0 * step);
-        assert!((slope / square - 1.0).abs() < 0.05, "{}: {slope} {square}", tensor.name);
+        let difference = (shifted(step) - shifted(-step)) / (2.0 * step);
+        assert!((difference / square - 1.0).abs() < 0.05, "{}: {difference} {square}", tensor.name);
     }
     cancel.cancel();
     assert_eq!(passes.step(&mut weights, &batch, &mut unused, &cancel), None);

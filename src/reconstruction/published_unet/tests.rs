@@ -63,7 +63,7 @@ fn equal_seeds_give_equal_weights_for_any_number_of_threads() {
     };
     let (one, three) = (with_threads(1), with_threads(3));
     assert_eq!(one.weights, three.weights);
-    assert_eq!((one.steps, one.psnr_db), (2, three.psnr_db));
+    assert_eq!((one.training.steps, one.training.psnr_db), (2, three.training.psnr_db));
 }
 
 #[test]
@@ -78,8 +78,8 @@ fn network_learns_and_serves_its_own_mask_and_scene() {
     let training = UnetTraining { budget: TrainingBudget::Steps(20), seed: 3 };
     let network = training.train(&scene, &model, None, &CancelToken::new(), &mut note).unwrap();
     assert!(losses.len() == 20 && losses.iter().all(|loss| loss.is_finite()), "{losses:?}");
-    let (first, best) = (network.curve[0], network.psnr_db);
-    assert!(network.curve.len() == 10 && best > first.psnr_db, "{best} {:?}", network.curve);
+    let (first, best) = (network.training.curve[0], network.training.psnr_db);
+    assert!(network.training.curve.len() == 10 && best > first.psnr_db, "{best} {:?}", network.training.curve);
     let bytes = network.to_bytes().unwrap();
     assert_eq!(TrainedUnet::from_bytes(&bytes).unwrap(), network);
     assert!(TrainedUnet::from_bytes(&bytes[..bytes.len() - 1]).is_err());

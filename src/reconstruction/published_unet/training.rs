@@ -16,9 +16,10 @@ use crate::objects::Split;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::model::ImagingModel;
-use crate::reconstruction::network::{NetworkMask, TrainingBudget, TrainingPoint, TrainingStep};
+use crate::reconstruction::network::{TrainingBudget, TrainingStep};
 use crate::reconstruction::protocol::DecoderScene;
 use crate::reconstruction::quality::psnr_db;
+use crate::reconstruction::training_record::{NetworkMask, TrainingPoint, TrainingRecord};
 use crate::seeds::SeedStream;
 
 /// Objects of a step.
@@ -60,7 +61,7 @@ pub struct UnetTraining {
 impl UnetTraining {
     /// Trains the network for a scene and a model of it, from the weights of `start` where there are any.
     ///
-    /// `progress` hears of each step. It pauses training as long as it does not return; that time is no work.
+    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work.
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where the field does not fit into memory, and where `start` is of other
@@ -82,7 +83,10 @@ impl UnetTraining {
         let validation_seed = SeedStream::Block { index: 0 }.derive(seed);
         let validation = Objects::new((scene, model), (&of_training, Split::Test), validation_seed)?;
         let mut weights = match start {
-            Some(start) => start.start_of(scene)?.weights.clone(),
+            Some(start) => {
+                start.training.check_scene(scene)?;
+                start.weights.clone()
+            }
             None => layers.layout.draw(seed),
         };
         let mut best = Best { weights: weights.clone(), loss: f64::INFINITY, psnr_db: f64::NEG_INFINITY, waited: 0 };
@@ -140,16 +144,9 @@ impl UnetTraining {
                 return Err(ReconstructionError::Cancelled);
             }
         }
+        let record = TrainingRecord::new(scene, NetworkMask::of(model), self.seed);
         Ok(TrainedUnet {
-            set: scene.set.describe(),
-            mask: NetworkMask::of(model),
-            seed: self.seed,
-            steps,
-            seconds,
-            psnr_db: best.psnr_db,
-            curve,
-            scene: TrainedUnet::scene_key(scene),
-            field: model.field(),
+            training: TrainingRecord { steps, seconds, psnr_db: best.psnr_db, curve, ..record },
             weights: best.weights,
         })
     }

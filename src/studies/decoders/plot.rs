@@ -13,7 +13,7 @@ const LEGEND: u32 = 32;
 /// Distance of the entries of the legend, px.
 const ENTRY: i32 = 150;
 const COLUMNS: usize = 2;
-/// Colours of decoders, told apart by colour-blind readers as well (Okabe and Ito 2008); the last is the published U-net.
+/// Colours of decoders, distinct for colour-blind readers as well (Okabe and Ito 2008); the last is the published U-net.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0x00, 0x72, 0xb2),
     RGBColor(0xd5, 0x5e, 0x00),
@@ -25,8 +25,21 @@ const COLOURS: [RGBColor; 6] = [
 
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
-/// A mask in a panel: information in bits per pixel, PSNR in dB, and its name.
-type Point = (f64, f64, String);
+/// A mask in a panel.
+struct Point {
+    /// Information of the whole sensor, bits per pixel.
+    bits: f64,
+    psnr_db: f64,
+    /// Number of lenslets, or the name of the mask.
+    name: String,
+}
+
+/// A decoder in a panel.
+struct Series {
+    name: String,
+    colour: RGBColor,
+    points: Vec<Point>,
+}
 
 /// The plot of all computed cells.
 ///
@@ -38,22 +51,24 @@ pub(super) fn scatter_plot(record: &DecoderStudyRecord) -> Result<String, StudyE
     Ok(svg)
 }
 
-/// Name and points of every decoder, the published U-net last.
-fn series(record: &DecoderStudyRecord, objects: usize) -> Vec<(String, RGBColor, Vec<Point>)> {
+/// All decoders, the published U-net last.
+fn series(record: &DecoderStudyRecord, objects: usize) -> Vec<Series> {
     let rows = record.rows(objects);
     let points = |psnr: &dyn Fn(usize) -> Option<f64>| -> Vec<Point> {
         let point = |(index, row): (usize, &super::record::MaskRow<'_>)| {
             let name = row.lenslets.map_or(row.design.to_owned(), |count| count.to_string());
-            Some((row.information?.best(), psnr(index)?, name))
+            Some(Point { bits: row.information?.best(), psnr_db: psnr(index)?, name })
         };
         rows.iter().enumerate().filter_map(point).collect()
     };
     let decoders = record.settings.decoders.iter().enumerate().map(|(place, decoder)| {
         let found = points(&|row| rows[row].quality[place].map(|quality| quality.psnr_db));
-        (decoder.to_string(), COLOURS[place % (COLOURS.len() - 1)], found)
+        Series { name: decoder.to_string(), colour: COLOURS[place % (COLOURS.len() - 1)], points: found }
     });
     let published = points(&|row| rows[row].published_psnr_db);
-    decoders.chain([("published U-net".to_owned(), COLOURS[COLOURS.len() - 1], published)]).collect()
+    let published =
+        Series { name: "published U-net".to_owned(), colour: COLOURS[COLOURS.len() - 1], points: published };
+    decoders.chain([published]).collect()
 }
 
 fn draw(svg: &mut String, record: &DecoderStudyRecord) -> Drawn {
@@ -65,7 +80,7 @@ fn draw(svg: &mut String, record: &DecoderStudyRecord) -> Drawn {
     root.fill(&WHITE)?;
     let (legend, panels) = root.split_vertically(LEGEND);
     let text = ("sans-serif", 12).into_font();
-    for (index, (name, colour, _)) in series(record, 0).into_iter().enumerate() {
+    for (index, Series { name, colour, .. }) in series(record, 0).into_iter().enumerate() {
         let left = 16 + index as i32 * ENTRY;
         legend.draw(&Circle::new((left + 4, 19), 4, colour.filled()))?;
         legend.draw(&Text::new(name, (left + 14, 14), text.clone()))?;
@@ -80,7 +95,7 @@ fn draw(svg: &mut String, record: &DecoderStudyRecord) -> Drawn {
 fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, record: &DecoderStudyRecord, objects: usize) -> Drawn {
     let series = series(record, objects);
     let range = |value: &dyn Fn(&Point) -> f64| {
-        let values: Vec<f64> = series.iter().flat_map(|(_, _, points)| points).map(value).collect();
+        let values: Vec<f64> = series.iter().flat_map(|series| &series.points).map(value).collect();
         let low = values.iter().copied().fold(f64::INFINITY, f64::min);
         let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         if values.is_empty() {
@@ -90,14 +105,14 @@ fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, record: &DecoderStudyRecord,
         low - margin..high + margin
     };
     let source = record.settings.objects[objects].source.to_string();
-    // The file's name tells the set; its folder would not fit.
+    // The folder of a file would not fit.
     let title = source.rsplit('/').next().unwrap_or(&source).to_owned();
     let mut chart = ChartBuilder::on(area)
         .caption(title, ("sans-serif", 13))
         .margin(8)
         .x_label_area_size(38)
         .y_label_area_size(48)
-        .build_cartesian_2d(range(&|point| point.0), range(&|point| point.1))?;
+        .build_cartesian_2d(range(&|point| point.bits), range(&|point| point.psnr_db))?;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
@@ -105,12 +120,15 @@ fn panel(area: &DrawingArea<SVGBackend<'_>, Shift>, record: &DecoderStudyRecord,
         .y_desc("PSNR (dB)")
         .label_style(("sans-serif", 11))
         .draw()?;
-    for (_, colour, points) in &series {
-        chart.draw_series(points.iter().map(|(bits, psnr, _)| Circle::new((*bits, *psnr), 4, colour.filled())))?;
+    for Series { colour, points, .. } in &series {
+        let at = |point: &Point| (point.bits, point.psnr_db);
+        chart.draw_series(points.iter().map(|point| Circle::new(at(point), 4, colour.filled())))?;
         let text = ("sans-serif", 10).into_font();
-        chart.draw_series(points.iter().map(|(bits, psnr, name)| {
-            EmptyElement::at((*bits, *psnr)) + Text::new(name.clone(), (6, -5), text.clone())
-        }))?;
+        chart.draw_series(
+            points
+                .iter()
+                .map(|point| EmptyElement::at(at(point)) + Text::new(point.name.clone(), (6, -5), text.clone())),
+        )?;
     }
     Ok(())
 }

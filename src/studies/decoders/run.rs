@@ -15,11 +15,10 @@ use crate::evaluation::{DensityModel, EstimateProgress, EstimateRequest, Evaluat
 use crate::formats::{create_folder, lock_folder, write_csv_text, write_safely};
 use crate::forward::{ForwardModel, open_set};
 use crate::information::{EngineChoice, Estimator, PosteriorChains, Protocol};
-use crate::objects::ObjectSource;
 use crate::progress::{CancelToken, Progress};
 use crate::reconstruction::{
-    Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest, NetworkDecoder, NetworkTraining, PosteriorMean,
-    ReconstructionError, ReconstructionStep, TrainingBudget, TrainingMasks, TrainingStep, UnetDecoder, UnetTraining,
+    DecoderKind, DecoderQuality, DecoderScene, DecoderTest, DecoderTraining, ReconstructionError, ReconstructionStep,
+    TrainingBudget, TrainingMasks, TrainingStep,
 };
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
@@ -159,8 +158,7 @@ fn information(
     planned: &PlannedCell<'_>,
     poll: &mut (dyn FnMut() -> ControlFlow<()> + Send),
 ) -> Result<SensorInformation, EvaluationError> {
-    let is_beads = matches!(planned.objects.source, ObjectSource::Beads { .. } | ObjectSource::BeadsMax { .. });
-    let estimator = if is_beads { Estimator::Bracket } else { Estimator::Causal };
+    let estimator = if planned.objects.source.is_beads() { Estimator::Bracket } else { Estimator::Causal };
     let budget = Duration::try_from_secs_f64(settings.information_seconds).unwrap_or_default();
     let request = EstimateRequest {
         model: DensityModel::new(estimator, Some(budget), EngineChoice::default()),
@@ -190,28 +188,16 @@ fn quality(
     let scene = DecoderScene::new(&forward, settings.protocol)?;
     let psf = forward.psf(&design).map_err(crate::forward::ForwardError::from)?;
     let model = scene.model(psf.view())?;
-    let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?;
-    let decoder: Box<dyn Decoder> = match (kind, prior.map(Arc::new), settings.sweeps) {
-        (DecoderKind::Posterior, Some(prior), Some(sweeps)) => {
-            let chains = PosteriorChains::of_sweeps(sweeps, settings.seed);
-            Box::new(PosteriorMean::new(&prior, Some(chains))?)
-        }
-        (DecoderKind::Network, Some(prior), _) => {
-            let budget = TrainingBudget::Seconds(settings.training_seconds);
-            let training = NetworkTraining { budget, seed: settings.seed };
-            let masks = TrainingMasks::One(model.clone());
-            let cancel = CancelToken::new();
-            let network = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
-            Box::new(NetworkDecoder::new(Arc::new(network), &scene, prior)?)
-        }
-        (DecoderKind::Unet, ..) => {
-            let budget = TrainingBudget::Seconds(settings.training_seconds);
-            let training = UnetTraining { budget, seed: settings.seed };
-            let cancel = CancelToken::new();
-            let network = training.train(&scene, &model, None, &cancel, &mut |_: &TrainingStep| poll())?;
-            Box::new(UnetDecoder::new(Arc::new(network), &scene)?)
-        }
-        (_, prior, _) => kind.decoder(prior)?,
+    let cancel = CancelToken::new();
+    let prior = kind.needs().objects.then(|| scene.prior(&cancel)).transpose()?.map(Arc::new);
+    let decoder = if kind.needs().training {
+        let budget = TrainingBudget::Seconds(settings.training_seconds);
+        let training = DecoderTraining { kind, budget, seed: settings.seed };
+        let masks = TrainingMasks::One(model.clone());
+        let trained = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
+        trained.decoder(&scene, prior.as_ref())?
+    } else {
+        kind.decoder(prior, settings.sweeps.map(|sweeps| PosteriorChains::of_sweeps(sweeps, settings.seed)))?
     };
     let test = DecoderTest { objects: settings.test, seed: settings.seed };
     test.run(&*decoder, &scene, &model, &mut |_: &ReconstructionStep| poll(), &mut |_| Ok(()))

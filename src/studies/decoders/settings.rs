@@ -1,7 +1,5 @@
 //! Settings of a study of decoders, and its cells.
 
-use std::collections::HashSet;
-
 use serde::{Deserialize, Serialize};
 
 use crate::forward::Design;
@@ -9,7 +7,7 @@ use crate::information::Protocol;
 use crate::objects::ObjectSource;
 use crate::reconstruction::DecoderKind;
 use crate::studies::error::StudyError;
-use crate::studies::settings::{StudyDesign, StudyObjects};
+use crate::studies::settings::{StudyDesign, StudyObjects, check_distinct};
 
 /// All settings that decide the numbers of a study of decoders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,7 +69,7 @@ impl DecoderStudySettings {
     pub(super) fn plan(&self) -> Vec<PlannedCell<'_>> {
         let mut plan = Vec::new();
         for objects in &self.objects {
-            let is_beads = matches!(objects.source, ObjectSource::Beads { .. } | ObjectSource::BeadsMax { .. });
+            let is_beads = objects.source.is_beads();
             for design in &self.designs {
                 let decoders = self.decoders.iter().copied();
                 let decoders = decoders.filter(|&decoder| is_beads || decoder != DecoderKind::Posterior).map(Some);
@@ -86,17 +84,9 @@ impl DecoderStudySettings {
     /// # Errors
     /// [`StudyError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), StudyError> {
-        let distinct = |what: &'static str, names: Vec<String>| {
-            let mut seen = HashSet::new();
-            let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
-            match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {
-                Some(found) => Err(StudyError::Setting { what, expected: "each once".into(), found }),
-                None => Ok(()),
-            }
-        };
-        distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
-        distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
-        distinct("decoders", self.decoders.iter().map(ToString::to_string).collect())?;
+        check_distinct("objects", self.objects.iter().map(|objects| objects.source.to_string()).collect())?;
+        check_distinct("lenslets", self.designs.iter().map(|design| design.name.clone()).collect())?;
+        check_distinct("decoders", self.decoders.iter().map(ToString::to_string).collect())?;
         let plan = self.plan();
         for objects in &self.objects {
             let is_decoded = |cell: &PlannedCell<'_>| cell.objects == objects && cell.decoder.is_some();

@@ -75,7 +75,7 @@ fn exportable_images<'a>(panels: &'a Panels, view: &'a View<'_>) -> impl Iterato
     let reconstruction = view.reconstructions.shown.as_ref().map(|shown| Exportable {
         shown: panels.samples.reconstruction.view(),
         revision: shown.key.revision,
-        values: panels.samples.reconstruction.values_of(shown),
+        values: panels.samples.reconstruction.values_of(shown).into(),
     });
     let mtf = optics.as_ref().filter(|_| panels.mtf.mode == MtfMode::Map).map(|optics| Exportable {
         shown: &panels.mtf.image,

@@ -45,18 +45,16 @@ pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: 
     let is_current = reconstruction.key == key || is_followed;
     numbers(ui, reconstruction, is_current, key, view);
     let values = samples.reconstruction.values_of(reconstruction);
-    if samples.reconstruction.shown() == ShownQuantity::Error {
-        samples.reconstruction.centre_error(values.view());
-    }
+    samples.reconstruction.centre_error(reconstruction.largest_error);
     let index = samples.reconstruction.shown() as usize;
     let version = ImageVersion { revision: reconstruction.serial, index };
-    let content = ImageContent { values: values.view(), version, is_stale: !is_current };
+    let content = ImageContent { values, version, is_stale: !is_current };
     let SeenRegion { corner, shape } = reconstruction.seen;
     samples.reconstruction.view_mut().set_region(Some(PixelRegion { corner, shape }));
     let image = samples.reconstruction.view_mut().show(ui, view.palettes, content, PointerMode::View);
-    let value = linked_cursor::update(ui, samples, view, Side::Reconstruction, &image, values.view());
+    let value = linked_cursor::update(ui, samples, view, Side::Reconstruction, &image, values);
     requests.extend(value.map(Request::Describe));
-    let menu = MenuImage { image: values.view(), is_current: reconstruction.key == key, shown: &image };
+    let menu = MenuImage { image: values, is_current: reconstruction.key == key, shown: &image };
     if image_menu::show(ui, samples.reconstruction.view_mut(), &menu, requests, |_, _, _| {}) {
         linked_cursor::sync_viewports(ui, samples, view, Side::Reconstruction);
     }
@@ -80,15 +78,13 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
 /// Switches of error and uncertainty.
 fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconstruction>) {
     let has_deviation = shown.is_some_and(|shown| shown.standard_deviation.is_some());
-    let has_posterior =
-        !matches!(state.decoder, DecoderKind::TotalVariation | DecoderKind::RichardsonLucy | DecoderKind::Unet);
     for (quantity, text, name, is_possible, hint) in [
         (ShownQuantity::Error, "Error", "Reconstruction error", shown.is_some(), "Object minus reconstruction"),
         (
             ShownQuantity::Uncertainty,
             "Uncertainty",
             "Reconstruction uncertainty",
-            has_posterior,
+            state.decoder.has_deviation(),
             "Posterior standard deviation of every pixel",
         ),
     ] {

@@ -4,7 +4,7 @@ use crate::reconstruction::DecoderKind;
 use crate::studio::canvas::image_view::ImageView;
 use crate::workbench::{Colormap, Reconstruction};
 
-use ndarray::{ArrayView2, CowArray, Ix2};
+use ndarray::ArrayView2;
 
 /// Objects of the test set.
 pub const TEST_OBJECTS: usize = 64;
@@ -90,19 +90,17 @@ impl ReconstructionState {
     }
 
     /// The values on view, shape (rows, cols), photons per pixel; the object where there is no uncertainty.
-    pub fn values_of<'a>(&self, reconstruction: &'a Reconstruction) -> CowArray<'a, f32, Ix2> {
+    pub fn values_of<'a>(&self, reconstruction: &'a Reconstruction) -> ArrayView2<'a, f32> {
         match (self.shown, &reconstruction.standard_deviation) {
-            (ShownQuantity::Error, _) => reconstruction.error().into(),
-            (ShownQuantity::Uncertainty, Some(deviation)) => deviation.view().into(),
-            _ => reconstruction.object.view().into(),
+            (ShownQuantity::Error, _) => reconstruction.error.view(),
+            (ShownQuantity::Uncertainty, Some(deviation)) => deviation.view(),
+            _ => reconstruction.object.view(),
         }
     }
 
-    /// Centres the display range of the error on 0.
-    pub fn centre_error(&mut self, error: ArrayView2<'_, f32>) {
-        let finite = error.iter().copied().filter(|value| value.is_finite());
-        let most = finite.fold(f32::MIN_POSITIVE, |most, value| most.max(value.abs()));
-        self.error.fix_limits((-most, most));
+    /// Centres the display range of the error on 0, with this largest value.
+    pub fn centre_error(&mut self, largest: f32) {
+        self.error.fix_limits((-largest, largest));
     }
 }
 

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ndarray::{Array2, Array3, ArrayView2, Axis, Zip};
+use ndarray::{Array2, Array3, Axis};
 
 use crate::plural::counted;
 use crate::progress::CancelToken;
@@ -54,19 +54,20 @@ fn reconstruct(
     if frames > 1 {
         notices.push(format!("The first of {} is reconstructed", counted(frames, "image")));
     }
-    let measured = images_of(&channels, |channel| channel.measurements.index_axis(Axis(0), 0));
-    let measured = Arc::new(measured);
+    let measured: Vec<Array2<f32>> =
+        channels.iter().map(|channel| channel.grey_values(channel.measurements.index_axis(Axis(0), 0))).collect();
+    let measured = Arc::new(with_channels(measured.iter()));
     mailbox.publish(|queue| {
         queue.publish(|newest| (newest.measurement, newest.notices) = (Some(Arc::clone(&measured)), notices));
     });
-    let decoder = order.decoder.decoder(None)?;
+    let decoder = order.decoder.decoder(None, None)?;
     let mut objects: Vec<Array2<f32>> = Vec::new();
-    for (index, CaptureChannel { measurements, psf, gain, noise }) in channels.iter().enumerate() {
+    for (index, channel) in channels.iter().enumerate() {
+        let CaptureChannel { measurements, psf, noise, .. } = channel;
         let measurement = measurements.index_axis(Axis(0), 0);
         let model = ImagingModel::of_capture(psf.view(), measurement.dim(), *noise)?;
         let seen = SeenRegion { corner: model.sensor_corner(), shape: model.measurement_shape() };
         let prepared = decoder.prepare(&model, cancel)?;
-        let in_grey_values = |object: &Array2<f32>| object.mapv(|photons| (f64::from(photons) * gain) as f32);
         let publish = |object: Option<&Array2<f32>>, state: CaptureState| {
             let object = object.map(|object| Arc::new(so_far(&objects, object, channels.len())));
             mailbox.publish(|queue| {
@@ -83,38 +84,28 @@ fn reconstruct(
             {
                 let share = (index as f64 + *done as f64 / (*most).max(1) as f64) / channels.len() as f64;
                 entry.report(&format!("Channel {} of {}", index + 1, channels.len()), Some(share), None);
-                publish(Some(&in_grey_values(object)), at(*done, *most));
+                publish(Some(&channel.grey_values(object.view())), at(*done, *most));
             }
             cancel.check()
         };
-        let object = in_grey_values(&prepared.reconstruct_one(measurement, &mut on_progress)?);
+        let object = channel.grey_values(prepared.reconstruct_one(measurement, &mut on_progress)?.view());
         publish(Some(&object), at(1, 1));
         objects.push(object);
     }
     Ok(())
 }
 
-/// Channels of the capture in grey values, shape (rows, cols, channels).
-fn images_of<'a>(
-    channels: &'a [CaptureChannel],
-    image: impl Fn(&'a CaptureChannel) -> ArrayView2<'a, f32>,
-) -> Array3<f32> {
-    let (rows, cols) = channels.first().map_or((0, 0), |channel| image(channel).dim());
-    let mut all = Array3::zeros((rows, cols, channels.len()));
-    for (index, channel) in channels.iter().enumerate() {
-        let gain = channel.gain;
-        let target = all.index_axis_mut(Axis(2), index);
-        Zip::from(target).and(image(channel)).for_each(|to, &from| *to = (f64::from(from) * gain) as f32);
-    }
-    all
-}
-
 /// Complete channels, and `newest` for the others: the image is grey before it has its colours.
 fn so_far(complete: &[Array2<f32>], newest: &Array2<f32>, channels: usize) -> Array3<f32> {
-    let (rows, cols) = newest.dim();
-    let mut all = Array3::zeros((rows, cols, channels));
-    for index in 0..channels {
-        all.index_axis_mut(Axis(2), index).assign(complete.get(index).unwrap_or(newest));
+    with_channels((0..channels).map(|index| complete.get(index).unwrap_or(newest)))
+}
+
+/// Images of one shape as channels, shape (rows, cols, channels).
+fn with_channels<'a>(images: impl ExactSizeIterator<Item = &'a Array2<f32>> + Clone) -> Array3<f32> {
+    let (rows, cols) = images.clone().next().map_or((0, 0), Array2::dim);
+    let mut all = Array3::zeros((rows, cols, images.len()));
+    for (mut channel, image) in all.axis_iter_mut(Axis(2)).zip(images) {
+        channel.assign(image);
     }
     all
 }

@@ -35,7 +35,7 @@ pub enum CaptureState {
         /// Most iterations.
         most: usize,
     },
-    /// It is complete, after so many seconds.
+    /// It is complete.
     Done {
         /// Seconds from the order to the end.
         seconds: f64,

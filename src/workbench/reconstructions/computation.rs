@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::Instant;
 
-use ndarray::{Array2, ArrayView2, Axis};
+use ndarray::{Array2, Array3, ArrayView2, Axis};
 use rayon::prelude::*;
 
 use crate::forward::ForwardModel;
@@ -12,8 +12,8 @@ use crate::information::Protocol;
 use crate::objects::ObjectSet;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderQuality, DecoderScene, DecoderTest, ImageQuality, ImagingModel, PreparedDecoder, Prior, ReconstructionError,
-    ReconstructionStep,
+    DecoderQuality, DecoderScene, ImageQuality, ImagingModel, PreparedDecoder, Prior, ReconstructionError,
+    ReconstructionStep, TestScores,
 };
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::reconstructions::queue::{
@@ -38,11 +38,7 @@ struct Ready {
     scene: DecoderScene,
     model: ImagingModel,
     decoder: Box<dyn PreparedDecoder>,
-    mean_object: Array2<f32>,
-    /// Quality of every test object so far.
-    quality: Vec<ImageQuality>,
-    /// Squared errors of the mean object.
-    constant: Vec<f64>,
+    scores: TestScores,
     seconds: f64,
 }
 
@@ -86,7 +82,7 @@ impl ReconstructionComputation {
         {
             mailbox.publish(|queue| queue.publish_standard_deviation(deviation));
         }
-        while ready.quality.len() < request.test_objects {
+        while ready.scores.count() < request.test_objects {
             match ready.test(request, cancel) {
                 // Small objects have an image and no numbers.
                 Err(ReconstructionError::SmallImage { .. }) => break,
@@ -106,10 +102,10 @@ impl ReconstructionComputation {
         let model = scene.model(optics.psf.slice(ndarray::s![..1, .., ..]))?;
         let prior = if key.decoder.needs().objects { Some(self.prior(&scene, cancel)?) } else { None };
         let began = Instant::now();
-        let decoder = key.decoder.decoder(prior)?.prepare(&model, cancel)?;
+        let decoder = key.decoder.decoder(prior, None)?.prepare(&model, cancel)?;
         let seconds = began.elapsed().as_secs_f64();
-        let mean_object = scene.mean_object();
-        Ok(Ready { key: *key, scene, model, decoder, mean_object, quality: Vec::new(), constant: Vec::new(), seconds })
+        let scores = TestScores::new(&scene);
+        Ok(Ready { key: *key, scene, model, decoder, scores, seconds })
     }
 
     /// The prior of the objects, learned once for each set.
@@ -134,16 +130,22 @@ impl Ready {
         let truth = Arc::new(request.object().to_owned());
         let peak_photons = self.scene.set.peak();
         let seen = SeenRegion { corner: self.model.sensor_corner(), shape: self.model.measurement_shape() };
-        let reconstruction = |object: Arc<Array2<f32>>, iterations, quality| Reconstruction {
-            key: request.key,
-            serial: 0,
-            truth: Arc::clone(&truth),
-            object,
-            seen,
-            iterations,
-            peak_photons,
-            quality,
-            standard_deviation: None,
+        let reconstruction = |object: Arc<Array2<f32>>, iterations, quality| {
+            let error = &*truth - &*object;
+            let finite = error.iter().copied().filter(|value| value.is_finite());
+            Reconstruction {
+                key: request.key,
+                serial: 0,
+                truth: Arc::clone(&truth),
+                object,
+                largest_error: finite.fold(f32::MIN_POSITIVE, |most, value| most.max(value.abs())),
+                error: Arc::new(error),
+                seen,
+                iterations,
+                peak_photons,
+                quality,
+                standard_deviation: None,
+            }
         };
         let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
             if let ReconstructionStep::Iteration { done, most, object: Some(object) } = step
@@ -170,34 +172,25 @@ impl Ready {
 
     /// Adds the next part of the test set.
     fn test(&mut self, request: &ReconstructionRequest, cancel: &CancelToken) -> Result<(), ReconstructionError> {
-        let first = self.quality.len();
+        let first = self.scores.count();
         let numbers = first..(first + PART).min(request.test_objects);
         let test = self.scene.test_objects(&self.model, numbers, request.design.seed)?;
         let began = Instant::now();
-        // One by one, so that cancellation is felt within an image.
+        // Each on its own, so that a cancellation ends within an image.
         let one = |measurement: ArrayView2<'_, f32>| self.decoder.reconstruct_one(measurement, &mut cancel.clone());
         let measurements = test.measurements.axis_iter(Axis(0)).into_par_iter();
-        let objects: Vec<Array2<f32>> = measurements.map(one).collect::<Result<_, _>>()?;
+        let found: Vec<Array2<f32>> = measurements.map(one).collect::<Result<_, _>>()?;
         self.seconds += began.elapsed().as_secs_f64();
-        let mean = self.to_truth(self.mean_object.view());
-        let pairs: Vec<_> = test.objects.outer_iter().zip(&objects).collect();
-        let quality_of = |(truth, object): (ArrayView2<'_, f32>, &Array2<f32>)| {
-            let truth = self.to_truth(truth);
-            let quality = ImageQuality::of(truth.view(), self.to_truth(object.view()).view())?;
-            Ok((quality, ImageQuality::of(truth.view(), mean.view())?.mse))
-        };
-        let found: Vec<(ImageQuality, f64)> =
-            pairs.into_par_iter().map(quality_of).collect::<Result<_, ReconstructionError>>()?;
-        for (quality, constant) in found {
-            self.quality.push(quality);
-            self.constant.push(constant);
+        let mut objects = Array3::zeros(test.objects.dim());
+        for (mut object, found) in objects.outer_iter_mut().zip(&found) {
+            object.assign(found);
         }
+        self.scores.add(test.objects.view(), objects.view())?;
         if cancel.is_cancelled() { Err(ReconstructionError::Cancelled) } else { Ok(()) }
     }
 
     /// Quality on the part of the test set that is done.
     fn so_far(&self, seed: u64) -> Result<DecoderQuality, ReconstructionError> {
-        let test = DecoderTest { objects: self.quality.len(), seed };
-        test.summary(self.key.decoder, &self.scene, &self.quality, &self.constant, self.seconds)
+        self.scores.summary(self.key.decoder, self.scene.protocol, seed, self.seconds)
     }
 }

@@ -77,6 +77,10 @@ pub struct Reconstruction {
     pub truth: Arc<Array2<f32>>,
     /// The reconstructed object, shape (rows, cols), photons per pixel.
     pub object: Arc<Array2<f32>>,
+    /// Object minus reconstruction, shape (rows, cols), photons per pixel.
+    pub error: Arc<Array2<f32>>,
+    /// Largest size of a value of the error, above 0.
+    pub largest_error: f32,
     /// Part before the sensor.
     pub seen: SeenRegion,
     /// Iterations done and most iterations, while the decoder iterates.
@@ -87,13 +91,6 @@ pub struct Reconstruction {
     pub quality: Option<ImageQuality>,
     /// Posterior standard deviation, shape (rows, cols), photons per pixel, where the decoder has one.
     pub standard_deviation: Option<Arc<Array2<f32>>>,
-}
-
-impl Reconstruction {
-    /// Object minus reconstruction, shape (rows, cols), photons per pixel.
-    pub fn error(&self) -> Array2<f32> {
-        &*self.truth - &*self.object
-    }
 }
 
 /// Quality of a decoder on the part of the test set that is done.
@@ -251,6 +248,8 @@ mod tests {
             key,
             serial: 0,
             truth: Arc::clone(&object),
+            error: Arc::clone(&object),
+            largest_error: 1.0,
             object,
             seen: SeenRegion { corner: (0, 0), shape: (12, 12) },
             iterations: None,

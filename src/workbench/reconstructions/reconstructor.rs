@@ -90,7 +90,7 @@ mod tests {
         let scene = DecoderScene::new(&forward, Protocol::Default).unwrap();
         let model = scene.model(forward.psf(&request.design).unwrap().view()).unwrap();
         let prior = Arc::new(scene.prior(&CancelToken::new()).unwrap());
-        let decoder = DecoderKind::Linear.decoder(Some(prior)).unwrap();
+        let decoder = DecoderKind::Linear.decoder(Some(prior), None).unwrap();
         let test = DecoderTest { objects: 20, seed: request.design.seed };
         let expected = test
             .run::<ReconstructionError>(&*decoder, &scene, &model, &mut CancelToken::new(), &mut |_| Ok(()))
