@@ -1,6 +1,5 @@
 //! Argument types of the command line: masks, patches, estimators, budgets.
 
-use std::ffi::OsStr;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -12,49 +11,21 @@ use clap::{Args, ValueEnum};
 
 use super::output;
 use crate::evaluation::{EvaluationError, MeasuredSource};
-use crate::formats::{ImageFile, split_kind};
-use crate::forward::{Design, ForwardError};
+use crate::forward::{Design, ForwardError, MaskSource};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
-use crate::optics::{
-    Diffuser, Encoder, PsfImage, depth_layout, fit_lenslets, heuristic_layout, import_psf, psf_file, random_layout,
-};
+use crate::optics::Encoder;
 
-/// Mask named by `--mask`.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum EncoderChoice {
-    /// `heuristic:9`
-    Heuristic(usize),
-    /// `random:25`, with the seed of `--seed`.
-    Random(usize),
-    /// `depth:5`
-    Depth(usize),
-    /// `diffuser:32`, with the seed of `--seed`.
-    Diffuser(usize),
-    /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`).
-    Psf(PathBuf, Option<usize>),
-    /// `fit:FILE`: lenslets fitted to the PSF image, resampled as for `psf:`.
-    Fit(PathBuf, Option<usize>),
-    /// `design:FILE`: the mask of a design file.
-    Design(PathBuf),
+/// Reads a mask from an argument, which need not be UTF-8, as paths need not be.
+pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
+    OsStringValueParser::new().try_map(|text| MaskSource::from_os(&text))
 }
 
-impl EncoderChoice {
-    /// File of the mask.
-    pub fn file(&self) -> Option<PathBuf> {
-        match self {
-            Self::Psf(path, _) | Self::Fit(path, _) => {
-                Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
-            }
-            Self::Design(path) => Some(path.clone()),
-            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
-        }
-    }
-}
-
-/// Reads an encoder from an argument, which need not be UTF-8, as paths need not be.
-pub fn encoder_argument() -> impl TypedValueParser<Value = EncoderChoice> {
-    OsStringValueParser::new().try_map(|text| EncoderChoice::from_os(&text))
+/// Makes or reads the mask, and reports how its file was understood.
+pub fn open_mask(mask: &MaskSource, seed: u64) -> anyhow::Result<Encoder> {
+    let opened = mask.mask(seed)?;
+    opened.notices.iter().for_each(output::report);
+    Ok(opened.encoder)
 }
 
 /// Reads objects from an argument.
@@ -65,86 +36,6 @@ pub fn objects_argument() -> impl TypedValueParser<Value = ObjectSource> {
 /// Reads measurements from an argument.
 pub fn measurements_argument() -> impl TypedValueParser<Value = MeasuredSource> {
     OsStringValueParser::new().try_map(|text| MeasuredSource::from_os(&text))
-}
-
-const CHOICES: &str =
-    "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE, or design:FILE";
-
-impl FromStr for EncoderChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        Self::from_os(OsStr::new(text))
-    }
-}
-
-impl EncoderChoice {
-    /// Encoder of a text that need not be UTF-8.
-    fn from_os(text: &OsStr) -> Result<Self, String> {
-        let named = text.display();
-        let wrong = || format!("mask \"{named}\": expected {CHOICES}");
-        let (kind, path) = split_kind(text).ok_or_else(wrong)?;
-        let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
-        let image = || psf_file(&path).map_err(|error| error.to_string());
-        let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
-            Ok(count) if range.contains(&count) => Ok(count),
-            _ => Err(format!("mask \"{named}\": expected {} to {} after {kind}:", range.start(), range.end())),
-        };
-        match kind {
-            "heuristic" => count(1..=9).map(Self::Heuristic),
-            "random" => count(1..=crate::optics::LensletArray::MAX_LENSLETS).map(Self::Random),
-            "depth" => count(1..=5).map(Self::Depth),
-            "diffuser" => count(1..=Diffuser::GRID).map(Self::Diffuser),
-            "psf" if is_named => image().map(|(path, side)| Self::Psf(path, side)),
-            "fit" if is_named => image().map(|(path, side)| Self::Fit(path, side)),
-            "design" if is_named => Ok(Self::Design(path)),
-            _ => Err(wrong()),
-        }
-    }
-}
-
-impl EncoderChoice {
-    /// The same mask with its PSF image resampled to `side` pixels (`--resample`).
-    ///
-    /// # Errors
-    /// One sentence where the mask has no PSF image, or names another side already.
-    pub fn resampled(&self, side: usize) -> anyhow::Result<Self> {
-        match self {
-            Self::Psf(path, None) => Ok(Self::Psf(path.clone(), Some(side))),
-            Self::Fit(path, None) => Ok(Self::Fit(path.clone(), Some(side))),
-            Self::Psf(path, Some(_)) | Self::Fit(path, Some(_)) => {
-                bail!(
-                    "--resample {side}: expected a --mask without @, found {}@; leave one of them out",
-                    path.display()
-                )
-            }
-            _ => bail!("--resample {side}: expected --mask psf:FILE or fit:FILE; leave it out for other masks"),
-        }
-    }
-
-    /// Makes or reads the encoder. Random masks are drawn with `seed`.
-    pub fn encoder(&self, seed: u64) -> anyhow::Result<Encoder> {
-        Ok(match self {
-            Self::Heuristic(count) => Encoder::Lenslets(heuristic_layout(*count)),
-            Self::Random(count) => Encoder::Lenslets(random_layout(*count, seed)),
-            Self::Depth(count) => Encoder::Lenslets(depth_layout(*count)),
-            Self::Diffuser(aperture_px) => Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed }),
-            Self::Psf(path, side) => Encoder::Image(import_and_report(path, *side)?),
-            Self::Fit(path, side) => {
-                let fitted = fit_lenslets(&Encoder::Image(import_and_report(path, *side)?))?;
-                output::report(format_args!("{}: {}", path.display(), fitted.in_words()));
-                Encoder::Lenslets(fitted.array)
-            }
-            Self::Design(path) => Design::open(path)?.encoder,
-        })
-    }
-}
-
-/// Reads a PSF and reports how its file was interpreted.
-fn import_and_report(path: &Path, side: Option<usize>) -> anyhow::Result<PsfImage> {
-    let (image, understood) = import_psf(path, side)?;
-    output::report(format_args!("{}: {understood}", image.origin));
-    Ok(image)
 }
 
 /// The patch of an estimate: `32`, `16x24` (rows x cols), or `sensor` for the whole measurement.
@@ -328,32 +219,6 @@ impl FromStr for BudgetChoice {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn masks_are_parsed_from_their_names() {
-        for (text, expected) in [
-            ("heuristic:9", EncoderChoice::Heuristic(9)),
-            ("random:25", EncoderChoice::Random(25)),
-            ("psf:a/b.npy", EncoderChoice::Psf("a/b.npy".into(), None)),
-            ("psf:me@lab/psf.npy", EncoderChoice::Psf("me@lab/psf.npy".into(), None)),
-            ("psf:a@b.png@48", EncoderChoice::Psf("a@b.png".into(), Some(48))),
-            ("diffuser:16", EncoderChoice::Diffuser(16)),
-        ] {
-            assert_eq!(text.parse(), Ok(expected));
-        }
-        for wrong in ["", "9", "heuristic:0", "heuristic:10", "random:x", "psf:", "psf:a@0", "lens:1"] {
-            assert!(wrong.parse::<EncoderChoice>().is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn only_psf_images_are_resampled() {
-        let mask: EncoderChoice = "psf:a.png".parse().unwrap();
-        assert_eq!(mask.resampled(48).unwrap(), EncoderChoice::Psf("a.png".into(), Some(48)));
-        for wrong in ["psf:a.png@32", "heuristic:3", "design:a.json"] {
-            assert!(wrong.parse::<EncoderChoice>().unwrap().resampled(48).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn budgets_are_parsed_with_their_unit() {

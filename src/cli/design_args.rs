@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::choices::{EncoderChoice, check_count, encoder_argument, objects_argument};
-use crate::forward::Design;
+use super::choices::{check_count, mask_argument, objects_argument, open_mask};
+use crate::forward::{Design, MaskSource};
 use crate::objects::ObjectSource;
 use crate::optics::LensletArray;
 use crate::sensor::Noise;
@@ -25,8 +25,8 @@ pub struct DesignArgs {
 
     /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
     /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file.
-    #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = encoder_argument())]
-    mask: Option<EncoderChoice>,
+    #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = mask_argument())]
+    mask: Option<MaskSource>,
 
     /// Resample the PSF image of --mask psf:FILE or fit:FILE to this side.
     #[arg(long, value_name = "PIXELS", requires = "mask")]
@@ -66,7 +66,7 @@ impl DesignArgs {
 
     /// Input files of `design`.
     pub fn files(&self, design: &Design) -> Vec<PathBuf> {
-        files_of([self.design.clone(), self.mask.as_ref().and_then(EncoderChoice::file)], &design.objects)
+        files_of([self.design.clone(), self.mask.as_ref().and_then(MaskSource::file)], &design.objects)
     }
 
     /// The design of the flags, with objects and sensor replaced by those of `scene`.
@@ -83,7 +83,7 @@ impl DesignArgs {
         }
         if let Some(mask) = &self.mask {
             let resampled = self.resample.map(|side| mask.resampled(side)).transpose()?;
-            design.encoder = resampled.as_ref().unwrap_or(mask).encoder(design.seed)?;
+            design.encoder = open_mask(resampled.as_ref().unwrap_or(mask), design.seed)?;
         }
         scene.replace_in(&mut design);
         design.check()?;

@@ -7,7 +7,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, EncoderChoice, PatchChoice, check_count, check_folder, encoder_argument};
+use super::choices::{BudgetChoice, PatchChoice, check_count, check_folder, mask_argument, open_mask};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
 use super::failure::Failure;
 use super::optimize_runs::{
@@ -18,7 +18,7 @@ use super::study::{PublishedChoice, failed, run_with_bar};
 use crate::design::{
     Checkpoint, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, SettingsFile, gain_summary,
 };
-use crate::forward::Design;
+use crate::forward::{Design, MaskSource};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
@@ -35,8 +35,8 @@ pub struct Arguments {
 
     /// The mask to start from: random:COUNT, heuristic:1 to 9, depth:1 to 5, fit:FILE, or design:FILE [default: random:25, or the
     /// mask of DESIGN].
-    #[arg(long, value_name = "MASK", value_parser = encoder_argument())]
-    start: Option<EncoderChoice>,
+    #[arg(long, value_name = "MASK", value_parser = mask_argument())]
+    start: Option<MaskSource>,
 
     #[command(flatten)]
     scene: SceneArgs,
@@ -195,7 +195,7 @@ impl Arguments {
             return Err(anyhow::anyhow!(sentence).into());
         }
         check_folder(self.out())?;
-        let named = [self.design.clone(), self.start.as_ref().and_then(EncoderChoice::file)];
+        let named = [self.design.clone(), self.start.as_ref().and_then(MaskSource::file)];
         let inputs = files_of(named, &design.objects);
         check_inputs_stay(&inputs, &outputs(self.out(), self.starts), ("--out", None))?;
         // Records are read from other folders as well.
@@ -229,7 +229,7 @@ impl Arguments {
     /// Runs from several random starts.
     fn rank(&self, design: &Design, settings: &IdealSettings, order: &RunStore) -> anyhow::Result<Ranking> {
         let count = match &self.start {
-            Some(EncoderChoice::Random(count)) => *count,
+            Some(MaskSource::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,
             _ => bail!("--starts repeats runs from random lenslets; give --start random:25"),
         };
@@ -253,10 +253,10 @@ impl Arguments {
         };
         design.seed = self.seed.unwrap_or(design.seed);
         self.scene.replace_in(&mut design);
-        let usual = EncoderChoice::Random(USUAL_LENSLETS);
+        let usual = MaskSource::Random(USUAL_LENSLETS);
         match (&self.start, &self.design) {
-            (Some(choice), _) => design.encoder = choice.encoder(design.seed)?,
-            (None, None) => design.encoder = usual.encoder(design.seed)?,
+            (Some(choice), _) => design.encoder = open_mask(choice, design.seed)?,
+            (None, None) => design.encoder = open_mask(&usual, design.seed)?,
             (None, Some(_)) => {}
         }
         design.check()?;

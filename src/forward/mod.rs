@@ -3,9 +3,11 @@
 mod design;
 mod design_objects;
 mod error;
+mod mask_source;
 mod model;
 
 pub use design::{Design, DesignError, DesignFileError};
 pub use design_objects::{notices_of, open_set, open_set_with};
 pub use error::ForwardError;
+pub use mask_source::{MaskError, MaskSource, OpenedMask};
 pub use model::{ForwardModel, Simulated, bead_response, mean_measurement};

@@ -1,0 +1,249 @@
+//! Names of masks, as text.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::formats::{ImageFile, path_text, split_kind};
+use crate::forward::{Design, DesignFileError};
+use crate::optics::{
+    Diffuser, Encoder, LensletArray, LensletFitError, PsfError, depth_layout, fit_lenslets, heuristic_layout,
+    import_psf, psf_file, random_layout,
+};
+
+const CHOICES: &str =
+    "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE, or design:FILE";
+
+/// A mask by its name. Each variant gives its text form (`Display`, `FromStr`, serde).
+///
+/// ```
+/// use lenslet_studio::forward::MaskSource;
+///
+/// let source: MaskSource = "heuristic:9".parse()?;
+/// assert_eq!(source, MaskSource::Heuristic(9));
+/// assert_eq!(source.mask(1)?.encoder.psf(1)?.dim(), (1, 32, 32));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum MaskSource {
+    /// `heuristic:9`: the published layout of 1 to 9 lenslets.
+    Heuristic(usize),
+    /// `random:25`: lenslets at random places, drawn with the seed of the design.
+    Random(usize),
+    /// `depth:5`: 1 to 5 lenslets, each in focus at its own depth plane.
+    Depth(usize),
+    /// `diffuser:32`: a diffuser behind a square aperture of this side in pixels, drawn with the seed of the design.
+    Diffuser(usize),
+    /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`).
+    Psf(PathBuf, Option<usize>),
+    /// `fit:FILE`: lenslets fitted to the PSF image, resampled as for `psf:`.
+    Fit(PathBuf, Option<usize>),
+    /// `design:FILE`: the mask of a design file.
+    Design(PathBuf),
+}
+
+/// A mask, and what was understood of its file.
+#[derive(Clone, Debug)]
+pub struct OpenedMask {
+    /// The mask.
+    pub encoder: Encoder,
+    /// Sentences about the file that the mask was read from, for people.
+    pub notices: Vec<String>,
+}
+
+/// Reason why a text names no mask, or its mask cannot be made.
+#[derive(Debug, Error)]
+pub enum MaskError {
+    /// The text names no mask.
+    #[error("mask \"{text}\": expected {expected}")]
+    Name {
+        /// The text.
+        text: String,
+        /// The names that there are.
+        expected: String,
+    },
+    /// The mask has no PSF image that could be resampled.
+    #[error("--resample {side}: expected --mask psf:FILE or fit:FILE; leave it out for other masks")]
+    NoImage {
+        /// The side, pixels.
+        side: usize,
+    },
+    /// The side is named twice.
+    #[error("--resample {side}: expected a --mask without @, found {}@; leave one of them out", .file.display())]
+    TwoSides {
+        /// The side, pixels.
+        side: usize,
+        /// File of the mask.
+        file: PathBuf,
+    },
+    /// The PSF image.
+    #[error(transparent)]
+    Psf(#[from] PsfError),
+    /// The lenslets of a PSF image.
+    #[error(transparent)]
+    Fit(#[from] LensletFitError),
+    /// The design file.
+    #[error(transparent)]
+    Design(#[from] DesignFileError),
+}
+
+impl MaskSource {
+    /// The mask of a text that need not be UTF-8, as paths need not be.
+    ///
+    /// # Errors
+    /// [`MaskError`] lists the names that there are.
+    pub fn from_os(text: &OsStr) -> Result<Self, MaskError> {
+        let refused = |expected: String| MaskError::Name { text: text.display().to_string(), expected };
+        let wrong = || refused(CHOICES.to_owned());
+        let (kind, path) = split_kind(text).ok_or_else(wrong)?;
+        let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
+        let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
+            Ok(count) if range.contains(&count) => Ok(count),
+            _ => Err(refused(format!("{} to {} after {kind}:", range.start(), range.end()))),
+        };
+        Ok(match kind {
+            "heuristic" => Self::Heuristic(count(1..=9)?),
+            "random" => Self::Random(count(1..=LensletArray::MAX_LENSLETS)?),
+            "depth" => Self::Depth(count(1..=5)?),
+            "diffuser" => Self::Diffuser(count(1..=Diffuser::GRID)?),
+            "psf" if is_named => psf_file(&path).map(|(path, side)| Self::Psf(path, side))?,
+            "fit" if is_named => psf_file(&path).map(|(path, side)| Self::Fit(path, side))?,
+            "design" if is_named => Self::Design(path),
+            _ => return Err(wrong()),
+        })
+    }
+
+    /// The same mask with its PSF image resampled to `side` pixels.
+    ///
+    /// # Errors
+    /// [`MaskError`] where the mask has no PSF image, or names another side already.
+    pub fn resampled(&self, side: usize) -> Result<Self, MaskError> {
+        match self {
+            Self::Psf(path, None) => Ok(Self::Psf(path.clone(), Some(side))),
+            Self::Fit(path, None) => Ok(Self::Fit(path.clone(), Some(side))),
+            Self::Psf(path, Some(_)) | Self::Fit(path, Some(_)) => {
+                Err(MaskError::TwoSides { side, file: path.clone() })
+            }
+            _ => Err(MaskError::NoImage { side }),
+        }
+    }
+
+    /// File of the mask.
+    pub fn file(&self) -> Option<PathBuf> {
+        match self {
+            Self::Psf(path, _) | Self::Fit(path, _) => {
+                Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
+            }
+            Self::Design(path) => Some(path.clone()),
+            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
+        }
+    }
+
+    /// Makes or reads the mask. Random masks are drawn with `seed`.
+    ///
+    /// # Errors
+    /// [`MaskError`] where its file cannot be read, or no lenslets can be fitted.
+    pub fn mask(&self, seed: u64) -> Result<OpenedMask, MaskError> {
+        let made = |encoder| Ok(OpenedMask { encoder, notices: Vec::new() });
+        match self {
+            Self::Heuristic(count) => made(Encoder::Lenslets(heuristic_layout(*count))),
+            Self::Random(count) => made(Encoder::Lenslets(random_layout(*count, seed))),
+            Self::Depth(count) => made(Encoder::Lenslets(depth_layout(*count))),
+            Self::Diffuser(aperture_px) => made(Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed })),
+            Self::Design(path) => made(Design::open(path)?.encoder),
+            Self::Psf(path, side) => image_of(path, *side),
+            Self::Fit(path, side) => {
+                let OpenedMask { encoder, mut notices } = image_of(path, *side)?;
+                let fitted = fit_lenslets(&encoder)?;
+                notices.push(format!("{}: {}", path.display(), fitted.in_words()));
+                Ok(OpenedMask { encoder: Encoder::Lenslets(fitted.array), notices })
+            }
+        }
+    }
+}
+
+/// The PSF of an image file.
+fn image_of(path: &Path, side: Option<usize>) -> Result<OpenedMask, MaskError> {
+    let (image, understood) = import_psf(path, side)?;
+    let notices = vec![format!("{}: {understood}", image.origin)];
+    Ok(OpenedMask { encoder: Encoder::Image(image), notices })
+}
+
+impl FromStr for MaskSource {
+    type Err = MaskError;
+
+    fn from_str(text: &str) -> Result<Self, MaskError> {
+        Self::from_os(OsStr::new(text))
+    }
+}
+
+impl TryFrom<String> for MaskSource {
+    type Error = MaskError;
+
+    fn try_from(text: String) -> Result<Self, MaskError> {
+        text.parse()
+    }
+}
+
+impl From<MaskSource> for String {
+    fn from(source: MaskSource) -> Self {
+        source.to_string()
+    }
+}
+
+impl fmt::Display for MaskSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let image = |f: &mut fmt::Formatter<'_>, kind: &str, path: &Path, side: &Option<usize>| {
+            write!(f, "{kind}:{}", path_text(path))?;
+            side.map_or(Ok(()), |side| write!(f, "@{side}"))
+        };
+        match self {
+            Self::Heuristic(count) => write!(f, "heuristic:{count}"),
+            Self::Random(count) => write!(f, "random:{count}"),
+            Self::Depth(count) => write!(f, "depth:{count}"),
+            Self::Diffuser(aperture) => write!(f, "diffuser:{aperture}"),
+            Self::Psf(path, side) => image(f, "psf", path, side),
+            Self::Fit(path, side) => image(f, "fit", path, side),
+            Self::Design(path) => write!(f, "design:{}", path_text(path)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_are_parsed_from_their_names() {
+        for (text, expected) in [
+            ("heuristic:9", MaskSource::Heuristic(9)),
+            ("random:25", MaskSource::Random(25)),
+            ("psf:a/b.npy", MaskSource::Psf("a/b.npy".into(), None)),
+            ("psf:me@lab/psf.npy", MaskSource::Psf("me@lab/psf.npy".into(), None)),
+            ("psf:a@b.png@48", MaskSource::Psf("a@b.png".into(), Some(48))),
+            ("diffuser:16", MaskSource::Diffuser(16)),
+            ("design:a.json", MaskSource::Design("a.json".into())),
+        ] {
+            assert_eq!(text.parse::<MaskSource>().unwrap(), expected);
+            assert_eq!(expected.to_string(), text);
+        }
+        for wrong in ["", "9", "heuristic:0", "heuristic:10", "random:x", "psf:", "psf:a@0", "lens:1"] {
+            assert!(wrong.parse::<MaskSource>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn only_psf_images_are_resampled() {
+        let mask: MaskSource = "psf:a.png".parse().unwrap();
+        assert_eq!(mask.resampled(48).unwrap(), MaskSource::Psf("a.png".into(), Some(48)));
+        for wrong in ["psf:a.png@32", "heuristic:3", "design:a.json"] {
+            assert!(wrong.parse::<MaskSource>().unwrap().resampled(48).is_err(), "{wrong}");
+        }
+    }
+}
