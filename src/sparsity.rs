@@ -8,6 +8,7 @@ use std::ops::RangeInclusive;
 
 use ndarray::{Array1, ArrayView2, ArrayView3, Axis};
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 /// Largest pixels of images whose gradients can be squared in single precision.
 const SQUARABLE: RangeInclusive<f32> = 1e-12..=1e12;
@@ -65,7 +66,8 @@ pub fn tamura_of_stack(stack: ArrayView3<'_, f32>) -> Array1<f64> {
 }
 
 /// Mean and spread of the Tamura coefficient over a set.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TamuraSummary {
     /// Mean over images.
     pub mean: f64,

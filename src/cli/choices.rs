@@ -15,6 +15,7 @@ use crate::forward::{Design, ForwardError, MaskSource};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
+use crate::studies::PublishedSet;
 
 /// Reads a mask from an argument, which need not be UTF-8, as paths need not be.
 pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
@@ -36,41 +37,6 @@ pub fn objects_argument() -> impl TypedValueParser<Value = ObjectSource> {
 /// Reads measurements from an argument.
 pub fn measurements_argument() -> impl TypedValueParser<Value = MeasuredSource> {
     OsStringValueParser::new().try_map(|text| MeasuredSource::from_os(&text))
-}
-
-/// The patch of an estimate: `32`, `16x24` (rows x cols), or `sensor` for the whole measurement.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PatchChoice {
-    /// Rows and columns in pixels.
-    Shape(usize, usize),
-    /// The whole measurement.
-    Sensor,
-}
-
-impl FromStr for PatchChoice {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let side = |text: &str| text.parse::<usize>().ok().filter(|&side| side > 0);
-        let shape = match text.split_once('x') {
-            _ if text == "sensor" => return Ok(Self::Sensor),
-            Some((rows, cols)) => side(rows).zip(side(cols)),
-            None => side(text).map(|side| (side, side)),
-        };
-        shape
-            .map(|(rows, cols)| Self::Shape(rows, cols))
-            .ok_or_else(|| format!("patch {text:?}: expected pixels such as 32, rows x cols such as 16x24, or sensor"))
-    }
-}
-
-impl PatchChoice {
-    /// Rows and columns in pixels; none for the whole measurement.
-    pub fn shape(self) -> Option<(usize, usize)> {
-        match self {
-            Self::Shape(rows, cols) => Some((rows, cols)),
-            Self::Sensor => None,
-        }
-    }
 }
 
 /// Estimators by the names of the command line.
@@ -216,6 +182,35 @@ impl FromStr for BudgetChoice {
     }
 }
 
+/// A heuristic layout by its number of lenslets.
+pub fn layout(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(count) if (1..=9).contains(&count) => Ok(count),
+        _ => Err(format!("lenslets {text:?}: expected numbers of lenslets from 1 to 9, such as 1,2,4")),
+    }
+}
+
+/// Image sets by the names of the command line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum PublishedChoice {
+    Cifar10,
+    Mnist,
+    Fashion,
+    /// Objects without published values.
+    None,
+}
+
+impl PublishedChoice {
+    pub fn set(self) -> Option<PublishedSet> {
+        match self {
+            Self::Cifar10 => Some(PublishedSet::Cifar10),
+            Self::Mnist => Some(PublishedSet::Mnist),
+            Self::Fashion => Some(PublishedSet::Fashion),
+            Self::None => None,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -228,13 +223,5 @@ mod tests {
         for wrong in ["", "60", "s", "-5s", "0s", "nans", "infs", "1e9h", "5 m", "5d"] {
             assert!(wrong.parse::<BudgetChoice>().is_err(), "{wrong}");
         }
-    }
-
-    #[test]
-    fn patches_are_parsed_from_their_names() {
-        assert_eq!("32".parse(), Ok(PatchChoice::Shape(32, 32)));
-        assert_eq!("16x24".parse(), Ok(PatchChoice::Shape(16, 24)));
-        assert_eq!("sensor".parse(), Ok(PatchChoice::Sensor));
-        assert!("0".parse::<PatchChoice>().is_err() && "x".parse::<PatchChoice>().is_err());
     }
 }

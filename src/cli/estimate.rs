@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::choices::{
-    BudgetChoice, EstimatorChoice, InitArgs, PatchChoice, about_objects, check_count, check_patches, is_same_file,
+    BudgetChoice, EstimatorChoice, InitArgs, about_objects, check_count, check_patches, is_same_file,
     measurements_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
@@ -20,6 +20,7 @@ use crate::evaluation::{
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
+use crate::sensor::PatchSize;
 
 /// Largest number of trials.
 const MOST_TRIALS: usize = 10_000;
@@ -48,7 +49,7 @@ pub struct Arguments {
 
     /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
     #[arg(long, default_value = "32")]
-    patch: PatchChoice,
+    patch: PatchSize,
 
     /// Training patches.
     #[arg(long, default_value_t = 10_000)]

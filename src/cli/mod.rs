@@ -5,6 +5,7 @@
 
 mod bounds;
 mod choices;
+mod comparison;
 mod design_args;
 mod estimate;
 mod export;
@@ -21,6 +22,8 @@ mod schemas;
 mod simulate;
 mod study;
 mod study_decoders;
+mod study_plan;
+mod study_run;
 mod tamura;
 
 use failure::Failure;
@@ -68,7 +71,7 @@ enum Command {
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
     #[command(alias = "design")]
     Optimize(optimize::Arguments),
-    /// Estimate a table of objects, designs and patches (resumable) and write it into a folder.
+    /// Studies: plans of cells over masks, objects and settings, computed into a folder (resumable), with tables and plots.
     Study(study::Arguments),
     /// Reconstruct objects: the image quality of a decoder for a design, or the object of a real capture.
     Reconstruct(reconstruct::Arguments),

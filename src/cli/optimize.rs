@@ -7,14 +7,14 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, PatchChoice, check_count, check_folder, mask_argument, open_mask};
+use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument, open_mask};
+use super::comparison::{failed, run_with_bar};
 use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
 use super::failure::Failure;
 use super::optimize_runs::{
     Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
 };
 use super::output;
-use super::study::{PublishedChoice, failed, run_with_bar};
 use crate::design::{
     Checkpoint, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, SettingsFile, gain_summary,
 };
@@ -22,6 +22,7 @@ use crate::forward::{Design, MaskSource};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
+use crate::sensor::PatchSize;
 use crate::studies::{PublishedSet, Study, StudyRecord, StudySettings};
 use crate::workbench::{
     IdealRecord, RankedStart, RunStore, Start, comparison_summary, patches_of, result_lines, score_settings,
@@ -70,7 +71,7 @@ pub struct Arguments {
 
     /// Patch of the objective in pixels: 16, 32, 16x24 (rows x cols), or sensor for whole measurements.
     #[arg(long)]
-    patch: Option<PatchChoice>,
+    patch: Option<PatchSize>,
 
     /// JSON file of settings, such as `{"refit_every": 10, "rates": {"position": 0.02}}`, or that JSON itself. The preset gives the
     /// settings that it leaves out; other flags take precedence. Of several files the later ones do.
@@ -113,7 +114,7 @@ pub struct Arguments {
     score: Option<ScoreChoice>,
 
     /// Heuristic layouts of the comparison, by their number of lenslets [default: 1 to 9].
-    #[arg(long, alias = "against", value_name = "COUNTS", value_delimiter = ',', value_parser = super::study::layout)]
+    #[arg(long, alias = "against", value_name = "COUNTS", value_delimiter = ',', value_parser = super::choices::layout)]
     baselines: Vec<usize>,
 
     /// Print the result as JSON.
@@ -307,7 +308,7 @@ impl Arguments {
             preset,
             objective,
             steps: self.steps.unwrap_or(file.steps),
-            patch: self.patch.map_or(file.patch, PatchChoice::shape),
+            patch: self.patch.map_or(file.patch, PatchSize::shape),
             free: self.free.map_or(file.free, |choice| choice.0),
             locked: if locked.is_empty() { file.locked.clone() } else { locked },
             min_separation_px: self.min_separation.unwrap_or(file.min_separation_px),

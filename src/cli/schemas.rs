@@ -13,6 +13,7 @@ use super::{bounds, export, optimize, reproduce, simulate, tamura};
 use crate::design::IdealSettings;
 use crate::forward::Design;
 use crate::information::Estimate;
+use crate::studies::plans::CellRecord;
 use crate::studies::{DecoderStudyRecord, StudyRecord};
 use crate::workbench::{IdealRecord, LiveRecord};
 
@@ -77,7 +78,8 @@ fn pages() -> Vec<Page> {
     vec![
         of_kind(design, "lenslet-studio/design"),
         of_kind(written::<Estimate>("estimate", "The JSON of estimate"), "lenslet-studio/estimate"),
-        of_kind(written::<StudyRecord>("study", "study.json, and the JSON of study"), "lenslet-studio/study"),
+        of_kind(written::<CellRecord>("study-cell", "A cell of a study"), "lenslet-studio/study-cell"),
+        of_kind(written::<StudyRecord>("study", "study.json, the comparison of a run"), "lenslet-studio/study"),
         of_kind(
             written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
             "lenslet-studio/decoder-study",

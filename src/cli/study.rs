@@ -1,25 +1,28 @@
-//! `study`: one estimate for every cell of a table (resumable).
+//! `study`: plans of cells, computed into a folder (resumable), and their tables and plots.
 
-use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 
-use super::choices::{
-    BudgetChoice, EstimatorChoice, InitArgs, PatchChoice, check_folder, check_patches, objects_argument,
-};
-use super::design_args::{DesignArgs, SceneArgs};
+use super::choices::check_folder;
 use super::failure::Failure;
 use super::output;
-use super::output::ProgressLine;
 use super::study_decoders::DecodersArgs;
+use super::study_plan::PlanArgs;
+use super::study_run::{RunArgs, write_results};
 use crate::evaluation::format_duration;
-use crate::objects::ObjectSource;
+use crate::formats::{write_png_rgb, write_safely};
 use crate::plural::counted;
-use crate::sensor::Noise;
-use crate::studies::{
-    PublishedSet, Study, StudyCell, StudyDesign, StudyEvent, StudyObjects, StudyRecord, StudySettings, StudyStep,
+use crate::studies::plans::{
+    BatchScript, CellState, Figure, NamedPlan, Shard, StudyFolder, figure_of, markdown, named_plans, png,
+    shards_of_script, svg,
 };
+
+/// The batch script in the folder of a study.
+const SCRIPT: &str = "study.sbatch";
+/// Most tasks of a job array.
+const MOST_TASKS: usize = 10_000;
 
 /// Arguments of `study`.
 #[derive(Args, Debug)]
@@ -30,365 +33,232 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Kind {
-    /// Estimates of objects and designs beside published values: four bead densities, five heuristic layouts.
-    Grid(Grid),
-    /// Estimates of one design by patch size: how far patches overstate the whole sensor.
-    Patches(Patches),
-    /// Lower and upper bounds by bead density, with a plot.
-    Bracket(Bracket),
+    /// Compute the cells of a plan that have no result yet, here or as one task of a job array.
+    Run(RunArgs),
+    /// Print a plan as a TOML file, to start one's own from, or list the named plans.
+    Plan(ShowArgs),
+    /// Print the table of a study, whatever is computed so far, and write it as Markdown and CSV.
+    Table(FolderArgs),
+    /// Draw the plot of a study, whatever is computed so far, as SVG and PNG.
+    Plot(PlotArgs),
+    /// List the cells of a study without a result, or the command that submits them.
+    Missing(MissingArgs),
+    /// Write a batch script for a Slurm job array over the cells of a plan.
+    Sbatch(SbatchArgs),
     /// Information of the whole sensor beside the image quality of decoders, with a scatter plot.
     Decoders(DecodersArgs),
+    /// Former commands.
+    #[command(hide = true)]
+    Grid(FormerArgs),
+    #[command(hide = true)]
+    Patches(FormerArgs),
+    #[command(hide = true)]
+    Bracket(FormerArgs),
 }
 
-/// Flags of all studies.
 #[derive(Args, Debug)]
-struct Common {
-    /// Folder of the study. An unfinished study in it is resumed.
+struct ShowArgs {
+    #[command(flatten)]
+    plan: PlanArgs<false>,
+}
+
+#[derive(Args, Debug)]
+struct FolderArgs {
+    /// Folder of the study.
+    folder: PathBuf,
+}
+
+#[derive(Args, Debug)]
+struct PlotArgs {
+    /// Folder of the study.
+    folder: PathBuf,
+
+    /// File of the plot, SVG or PNG by its ending [default: plot.svg and plot.png in the folder].
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Args, Debug)]
+struct MissingArgs {
+    /// Folder of the study.
+    folder: PathBuf,
+
+    /// Print the command that submits the tasks with these cells, for the batch script in the folder.
+    #[arg(long)]
+    sbatch: bool,
+}
+
+#[derive(Args, Debug)]
+struct SbatchArgs {
+    #[command(flatten)]
+    plan: PlanArgs<true>,
+
+    /// Folder of the study, which all tasks share.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 
-    /// Time for the fits of one cell, such as 60s, 5m or 1h [default: causal 60s, pixelcnn and bracket 5m].
-    #[arg(long)]
-    budget: Option<BudgetChoice>,
+    /// Number of tasks.
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    shards: usize,
 
-    /// Training patches of gaussian and pixelcnn.
-    #[arg(long, default_value_t = 10_000)]
-    patches_train: usize,
-
-    /// Held-out test patches.
-    #[arg(long, default_value_t = 1_500)]
-    patches_test: usize,
-
-    #[command(flatten)]
-    init: InitArgs,
-
-    /// Print the result file.
-    #[arg(long)]
-    json: bool,
+    /// Processors of a task.
+    #[arg(long, value_name = "N", default_value_t = 2)]
+    cpus: usize,
 }
 
-/// Settings shared by the cells of a table.
+/// Whatever a former command was given.
 #[derive(Args, Debug)]
-struct CellArgs {
-    /// Patch in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
-    #[arg(long, default_value = "32")]
-    patch: PatchChoice,
-
-    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
-    #[arg(long, default_value_t = Noise::Shot)]
-    noise: Noise,
-
-    /// Seed of objects, noise, patches and fits.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-}
-
-#[derive(Args, Debug)]
-struct Grid {
-    #[command(flatten)]
-    common: Common,
-
-    /// Objects in place of the beads, as in estimate; repeat the flag for several.
-    #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
-    objects: Vec<ObjectSource>,
-
-    /// Published image set of each --objects (or of each that is read from files), in the same order.
-    #[arg(long, value_enum, value_name = "NAME", requires = "objects")]
-    published_as: Vec<PublishedChoice>,
-
-    /// Heuristic layouts by their number of lenslets [default: 1,2,4,6,9].
-    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = layout)]
-    lenslets: Vec<usize>,
-
-    /// The estimator.
-    #[arg(long, value_enum, default_value_t = EstimatorChoice::Causal)]
-    estimator: EstimatorChoice,
-
-    #[command(flatten)]
-    cells: CellArgs,
-}
-
-#[derive(Args, Debug)]
-struct Patches {
-    #[command(flatten)]
-    common: Common,
-
-    #[command(flatten)]
-    design: DesignArgs,
-
-    #[command(flatten)]
-    scene: SceneArgs,
-
-    /// Patches in pixels: sides of squares, rows x cols, or sensor for whole measurements.
-    #[arg(long, value_delimiter = ',', default_value = "8,12,16,24,32,48,sensor")]
-    sides: Vec<PatchChoice>,
-
-    /// The estimator.
-    #[arg(long, value_enum, default_value_t = EstimatorChoice::Causal)]
-    estimator: EstimatorChoice,
-}
-
-#[derive(Args, Debug)]
-struct Bracket {
-    #[command(flatten)]
-    common: Common,
-
-    /// Heuristic layouts by their number of lenslets [default: 1 to 9].
-    #[arg(long, value_name = "COUNTS", value_delimiter = ',', value_parser = layout)]
-    lenslets: Vec<usize>,
-
-    /// Bead densities, beads per object pixel [default: 0.005,0.008,0.013,0.02,0.03,0.05].
-    #[arg(long, value_delimiter = ',', value_parser = beads)]
-    densities: Vec<ObjectSource>,
-
-    #[command(flatten)]
-    cells: CellArgs,
-}
-
-/// Image sets by the names of the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum PublishedChoice {
-    Cifar10,
-    Mnist,
-    Fashion,
-    /// Objects without published values.
-    None,
-}
-
-impl PublishedChoice {
-    pub(super) fn set(self) -> Option<PublishedSet> {
-        match self {
-            Self::Cifar10 => Some(PublishedSet::Cifar10),
-            Self::Mnist => Some(PublishedSet::Mnist),
-            Self::Fashion => Some(PublishedSet::Fashion),
-            Self::None => None,
-        }
-    }
+struct FormerArgs {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    _rest: Vec<std::ffi::OsString>,
 }
 
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         match self.kind {
-            Kind::Grid(grid) => {
-                let settings = grid.settings()?;
-                grid.common.run(settings)
-            }
-            Kind::Patches(patches) => {
-                let settings = patches.settings()?;
-                patches.common.run(settings)
-            }
-            Kind::Bracket(bracket) => {
-                let settings = bracket.settings();
-                bracket.common.run(settings)
-            }
+            Kind::Run(arguments) => arguments.run(),
+            Kind::Plan(arguments) => arguments.run(),
+            Kind::Table(arguments) => arguments.run(),
+            Kind::Plot(arguments) => arguments.run(),
+            Kind::Missing(arguments) => arguments.run(),
+            Kind::Sbatch(arguments) => arguments.run(),
             Kind::Decoders(decoders) => decoders.run(),
+            Kind::Grid(_) => Err(former("grid")),
+            Kind::Patches(_) => Err(former("patches")),
+            Kind::Bracket(_) => Err(former("bracket")),
         }
     }
 }
 
-impl Grid {
-    fn settings(&self) -> anyhow::Result<StudySettings> {
-        let published = StudySettings::grid();
-        let objects = objects_of(&self.objects, &self.published_as)?;
-        Ok(StudySettings {
-            objects: if objects.is_empty() { published.objects } else { objects },
-            designs: layouts(&self.lenslets, published.designs),
-            estimator: self.estimator.estimator(),
-            budget_seconds: budget_seconds(self.estimator),
-            patches: vec![self.cells.patch.shape()],
-            noise: self.cells.noise,
-            seed: self.cells.seed,
-            ..published
-        })
-    }
+fn former(name: &str) -> Failure {
+    anyhow::anyhow!(
+        "study {name} is a named plan now: study run {name} --out DIR; --mask, --objects, --patch and their like replace the \
+         values of its axes"
+    )
+    .into()
 }
 
-impl Patches {
-    fn settings(&self) -> anyhow::Result<StudySettings> {
-        let design = self.design.design(&self.scene)?;
-        Ok(StudySettings {
-            patches: self.sides.iter().map(|side| side.shape()).collect(),
-            estimator: self.estimator.estimator(),
-            budget_seconds: budget_seconds(self.estimator),
-            ..StudySettings::patches(&design)
-        })
-    }
-}
-
-impl Bracket {
-    fn settings(&self) -> StudySettings {
-        let all = StudySettings::bracket();
-        let objects: Vec<StudyObjects> =
-            self.densities.iter().map(|source| StudyObjects::new(source.clone(), None)).collect();
-        StudySettings {
-            objects: if objects.is_empty() { all.objects } else { objects },
-            designs: layouts(&self.lenslets, all.designs),
-            patches: vec![self.cells.patch.shape()],
-            noise: self.cells.noise,
-            seed: self.cells.seed,
-            ..all
+impl ShowArgs {
+    fn run(self) -> Result<(), Failure> {
+        if let Some(plan) = self.plan.plan()? {
+            return output::print(&plan.to_toml()?);
         }
-    }
-}
-
-impl Common {
-    fn run(self, mut settings: StudySettings) -> Result<(), Failure> {
-        check_patches(self.patches_train, self.patches_test)?;
-        if let Some(budget) = self.budget {
-            if settings.budget_seconds.is_none() {
-                return Err(
-                    anyhow::anyhow!("--budget is the time of a fit; leave it out for --estimator gaussian").into()
-                );
-            }
-            settings.budget_seconds = Some(budget.0.as_secs_f64());
-        }
-        settings.fresh = self.init.is_random(settings.estimator)?;
-        settings.patches_train = self.patches_train;
-        settings.patches_test = self.patches_test;
-        settings.check()?;
-        check_folder(&self.out)?;
-        let mut study = Study::open(settings, &self.out)?;
-        study.record().notices.iter().for_each(output::report);
-        run_with_bar(&mut study)?;
-        self.print(&study)
-    }
-
-    /// The results, and a failure where cells have none.
-    fn print(&self, study: &Study) -> Result<(), Failure> {
-        let printed = if self.json {
-            output::print_json(study.record())
-        } else {
-            let files = study.files().iter().map(|file| format!("  {}", file.display())).collect::<Vec<_>>().join("\n");
-            output::print(&format!("{}\nWritten:\n{files}", study.markdown()))
+        let line = |named: &NamedPlan| {
+            let cells = named.plan.axes.size().unwrap_or_default();
+            format!("{:<10} {cells:>4} cells  {}", named.plan.name, named.question)
         };
-        // Failed cells are reported even if the table cannot be printed.
-        failed(study.record(), &self.out)?;
-        printed
+        output::print(&named_plans().iter().map(line).collect::<Vec<_>>().join("\n"))
     }
 }
 
-/// Computes the missing cells, with a progress bar and a line for every cell on standard error.
-pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
-    output::report(announcement(study));
-    let progress_line = ProgressLine::new();
-    study.run(&mut |event: &StudyEvent<'_>| {
-        match event {
-            StudyEvent::Step(step) => {
-                progress_line.show(step.number - 1, step.cells, &working(step));
-            }
-            StudyEvent::Done { number, cells, cell } => {
-                progress_line.report(finished(*number, *cells, cell));
-            }
+impl FolderArgs {
+    fn run(self) -> Result<(), Failure> {
+        let folder = StudyFolder::open(&self.folder)?;
+        let states = folder.states()?;
+        write_results(&folder, &states)?;
+        output::print(&markdown(&folder, &states))
+    }
+}
+
+impl PlotArgs {
+    fn run(self) -> Result<(), Failure> {
+        let folder = StudyFolder::open(&self.folder)?;
+        let figure = figure_of(folder.plan(), folder.cells(), &folder.states()?);
+        let files = match self.out {
+            Some(file) => vec![file],
+            None => ["plot.svg", "plot.png"].map(|name| self.folder.join(name)).into(),
+        };
+        for file in &files {
+            write_plot(&figure, file)?;
         }
-        ControlFlow::Continue(())
-    })?;
-    progress_line.finish();
-    Ok(())
-}
-
-/// Error that counts the failed cells. Their sentences are in the record.
-pub(super) fn failed(record: &StudyRecord, folder: &std::path::Path) -> Result<(), Failure> {
-    match record.summary.failed {
-        0 => Ok(()),
-        failed => Err(Failure::Incomplete(anyhow::anyhow!(
-            "{}: expected an estimate in every cell, found {failed} of {} failed; run the same command to retry them",
-            folder.display(),
-            record.summary.cells
-        ))),
+        let names: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
+        output::print(&names.join("\n"))
     }
 }
 
-/// Number of cells and expected time.
-fn announcement(study: &Study) -> String {
-    let settings = &study.record().settings;
-    let (cells, missing) = (settings.cells(), study.missing());
-    let there = match cells - missing {
-        0 => String::new(),
-        there => format!(", {there} of them there already"),
-    };
-    let each = match settings.budget_seconds {
-        Some(_) => format!("{} each", format_duration(settings.budget())),
-        None => "seconds each".to_owned(),
-    };
-    let left = study.time_left();
-    let time = match missing {
-        0 => "nothing is left to compute".to_owned(),
-        _ if left.is_zero() => format!("{missing} left to compute"),
-        _ => format!("about {} to go", format_duration(left)),
-    };
-    format!("{}, {each}{there}: {time}", counted(cells, "cell"))
-}
-
-fn working(step: &StudyStep<'_>) -> String {
-    let StudyStep { number, cells, name, progress, left } = step;
-    let left = if left.is_zero() { String::new() } else { format!(", about {} to go", format_duration(*left)) };
-    format!("Cell {number} of {cells}{left}: {name}: {}", progress.step)
-}
-
-fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
-    let name = cell.name();
-    let result = match (&cell.estimate, &cell.failure) {
-        (Some(estimate), _) => {
-            let lower = cell.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
-            let published =
-                cell.published.map_or(String::new(), |known| format!(", published {:.4}", known.bits_per_pixel));
-            let (relation, bits) = (estimate.relation(), estimate.bits_per_pixel);
-            format!("{lower}{relation} {bits:.4} bits per pixel{published}, {:.1} s", estimate.seconds)
+/// Writes a figure as SVG or PNG, by the ending of the file.
+pub(super) fn write_plot(figure: &Figure, file: &Path) -> anyhow::Result<()> {
+    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match ending.as_str() {
+        "svg" => {
+            let text = svg(figure)?;
+            Ok(write_safely(file, |writer| writer.write_all(text.as_bytes()))?)
         }
-        (None, Some(failure)) => format!("failed: {failure}"),
-        (None, None) => "failed".to_owned(),
-    };
-    format!("Cell {number} of {cells}: {name}: {result}")
+        "png" => Ok(write_png_rgb(file, png(figure)?.view())?),
+        _ => anyhow::bail!("{}: expected a name that ends in .svg or .png; choose another name", file.display()),
+    }
 }
 
-/// Objects with the published set that each corresponds to; no names for objects without published values.
-pub(super) fn objects_of(
-    sources_of: &[ObjectSource],
-    published_as: &[PublishedChoice],
-) -> anyhow::Result<Vec<StudyObjects>> {
-    let (sources, names) = (sources_of.len(), published_as.len());
-    let read = sources_of.iter().filter(|source| source.is_read()).count();
-    if ![0, sources, read].contains(&names) {
-        anyhow::bail!(
-            "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
-             read from files, found {names}; give none for objects without published values"
-        );
-    }
-    let mut choices = published_as.iter();
-    let mut objects = Vec::with_capacity(sources);
-    for source in sources_of {
-        let choice = if names == sources || source.is_read() { choices.next() } else { None };
-        let set = choice.and_then(|choice| choice.set());
-        if !source.is_read() && set.is_some() {
-            anyhow::bail!(
-                "{source}: expected images of a published set, found beads; give --published-as none for beads"
-            );
+impl MissingArgs {
+    fn run(self) -> Result<(), Failure> {
+        let folder = StudyFolder::open(&self.folder)?;
+        let states = folder.states()?;
+        let missing: Vec<usize> = (0..states.len()).filter(|&index| states[index].done().is_none()).collect();
+        if self.sbatch {
+            return self.command(&folder, &missing);
         }
-        objects.push(StudyObjects::new(source.clone(), set));
+        if missing.is_empty() {
+            return output::print(&format!("Nothing is missing: {} done", counted(states.len(), "cell")));
+        }
+        let line = |&index: &usize| {
+            let state = match &states[index] {
+                CellState::Waiting => "waiting".to_owned(),
+                other => other.failure().map_or(String::new(), |failure| format!("failed: {failure}")),
+            };
+            format!("{}  {}  {state}", folder.ids()[index], folder.cells()[index].name())
+        };
+        output::print(&missing.iter().map(line).collect::<Vec<_>>().join("\n"))
     }
-    Ok(objects)
-}
 
-/// Default time of a cell, seconds.
-fn budget_seconds(estimator: EstimatorChoice) -> Option<f64> {
-    estimator.estimator().default_budget().map(|budget| budget.as_secs_f64())
-}
-
-/// Heuristic layouts by their counts, or the default ones.
-fn layouts(counts: &[usize], usual: Vec<StudyDesign>) -> Vec<StudyDesign> {
-    if counts.is_empty() { usual } else { counts.iter().map(|&count| StudyDesign::heuristic(count)).collect() }
-}
-
-/// A heuristic layout by its number of lenslets.
-pub(super) fn layout(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(count) if (1..=9).contains(&count) => Ok(count),
-        _ => Err(format!("lenslets {text:?}: expected numbers of lenslets from 1 to 9, such as 1,2,4")),
+    fn command(&self, folder: &StudyFolder, missing: &[usize]) -> Result<(), Failure> {
+        let script = self.folder.join(SCRIPT);
+        let tasks = std::fs::read_to_string(&script).ok().as_deref().and_then(shards_of_script).ok_or_else(|| {
+            anyhow::anyhow!(
+                "{}: expected the batch script of study sbatch, found none; write one with study sbatch",
+                script.display()
+            )
+        })?;
+        if missing.is_empty() {
+            return output::print("# Nothing is missing.");
+        }
+        let ranks = folder.ranks();
+        let array = BatchScript::array_of(missing.iter().map(|&index| ranks[index]), tasks);
+        output::print(&format!("sbatch --array={array} {}", script.display()))
     }
 }
 
-/// Beads by their density.
-fn beads(text: &str) -> Result<ObjectSource, String> {
-    format!("beads:{text}").parse::<ObjectSource>().map_err(|error| error.to_string())
+impl SbatchArgs {
+    fn run(self) -> Result<(), Failure> {
+        let tasks = self.shards;
+        super::choices::check_count("--shards", tasks, 1..=MOST_TASKS)?;
+        super::choices::check_count("--cpus", self.cpus, 1..=1024)?;
+        let Some(plan) = self.plan.plan()? else { return Err(anyhow::anyhow!("expected a plan, found none").into()) };
+        check_folder(&self.out)?;
+        let folder = StudyFolder::begin(plan, &self.out)?;
+        let ranks = folder.ranks();
+        let mut times = vec![Duration::ZERO; tasks];
+        for (index, cell) in folder.cells().iter().enumerate() {
+            times[Shard::of(ranks[index], tasks).index] += folder.plan().time_of(cell);
+        }
+        let script = BatchScript {
+            name: folder.plan().name.clone(),
+            program: std::env::current_exe()?,
+            folder: std::path::absolute(&self.out)?,
+            tasks,
+            processors: self.cpus,
+            time: times.into_iter().max().unwrap_or_default(),
+        };
+        let file = self.out.join(SCRIPT);
+        let text = script.to_string();
+        write_safely(&file, |writer| writer.write_all(text.as_bytes()))?;
+        output::print(&format!(
+            "{}: {} in {}, at most {} each; submit it with sbatch {}",
+            file.display(),
+            counted(folder.cells().len(), "cell"),
+            counted(tasks, "task"),
+            format_duration(script.time),
+            file.display()
+        ))
+    }
 }

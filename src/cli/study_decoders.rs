@@ -5,16 +5,17 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::choices::{BudgetChoice, check_count, check_folder, objects_argument};
+use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, layout, objects_argument};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::study::{PublishedChoice, layout, objects_of};
 use crate::information::{Protocol, with_interval};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::reconstruction::DecoderKind;
-use crate::studies::{DecoderStudy, DecoderStudyCell, DecoderStudyEvent, DecoderStudySettings, StudyDesign};
+use crate::studies::{
+    DecoderStudy, DecoderStudyCell, DecoderStudyEvent, DecoderStudySettings, StudyDesign, StudyObjects,
+};
 
 /// Fewest test objects, as one has no interval, and most.
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
@@ -132,4 +133,29 @@ fn finished(event: &DecoderStudyEvent<'_>, cell: &DecoderStudyCell) -> String {
         (.., failure) => format!("failed: {}", failure.as_deref().unwrap_or_default()),
     };
     format!("Cell {} of {}: {}: {result}", event.done, event.cells, event.name)
+}
+
+/// Objects with the published set that each corresponds to; no names for objects without published values.
+fn objects_of(sources_of: &[ObjectSource], published_as: &[PublishedChoice]) -> anyhow::Result<Vec<StudyObjects>> {
+    let (sources, names) = (sources_of.len(), published_as.len());
+    let read = sources_of.iter().filter(|source| source.is_read()).count();
+    if ![0, sources, read].contains(&names) {
+        anyhow::bail!(
+            "--published-as: expected one for each of {sources} --objects in the same order, or for each of {read} that are \
+             read from files, found {names}; give none for objects without published values"
+        );
+    }
+    let mut choices = published_as.iter();
+    let mut objects = Vec::with_capacity(sources);
+    for source in sources_of {
+        let choice = if names == sources || source.is_read() { choices.next() } else { None };
+        let set = choice.and_then(|choice| choice.set());
+        if !source.is_read() && set.is_some() {
+            anyhow::bail!(
+                "{source}: expected images of a published set, found beads; give --published-as none for beads"
+            );
+        }
+        objects.push(StudyObjects::new(source.clone(), set));
+    }
+    Ok(objects)
 }

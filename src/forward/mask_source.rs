@@ -134,6 +134,18 @@ impl MaskSource {
         }
     }
 
+    /// The same mask with an absolute path.
+    #[must_use]
+    pub fn absolute(&self) -> Self {
+        let whole = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        match self {
+            Self::Psf(path, side) => Self::Psf(whole(path), *side),
+            Self::Fit(path, side) => Self::Fit(whole(path), *side),
+            Self::Design(path) => Self::Design(whole(path)),
+            made => made.clone(),
+        }
+    }
+
     /// File of the mask.
     pub fn file(&self) -> Option<PathBuf> {
         match self {

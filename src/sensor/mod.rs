@@ -4,6 +4,7 @@ mod convolution;
 mod error;
 mod field;
 pub mod noise;
+mod patch_size;
 mod patches;
 mod poisson;
 
@@ -11,6 +12,7 @@ pub use convolution::{BlurWorkspace, Convolution, Convolver, ObjectSpectra};
 pub use error::SensorError;
 pub use field::field_offset;
 pub use noise::Noise;
+pub use patch_size::PatchSize;
 pub use patches::Patches;
 pub use poisson::{ln_factorial, sample_poisson};
 

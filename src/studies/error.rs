@@ -20,6 +20,45 @@ pub enum StudyError {
         /// The value found.
         found: String,
     },
+    /// A plan cannot be computed.
+    #[error("{what}: expected {expected}, found {found}; change the plan")]
+    Plan {
+        /// The part of the plan.
+        what: String,
+        /// The expected values.
+        expected: String,
+        /// The value found.
+        found: String,
+    },
+    /// A file is no plan.
+    #[error("{}: expected a plan of a study, found {found}; correct it, or begin with the output of study plan NAME", .path.display())]
+    PlanFile {
+        /// The file.
+        path: PathBuf,
+        /// Description of what it holds.
+        found: String,
+    },
+    /// The folder holds a study of another plan.
+    #[error("{}: expected a folder of this plan, found the cells of another; choose another folder", .path.display())]
+    OtherPlan {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The folder holds no study.
+    #[error("{}: expected the folder of a study, found no plan.toml in it; give the --out of study run", .path.display())]
+    NoPlan {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The folder holds a study by an earlier program.
+    #[error(
+        "{}: expected an empty folder or one of this plan, found a study by an earlier version, whose table is study.csv; \
+         choose another folder", .path.display()
+    )]
+    EarlierStudy {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The folder holds a study of other settings.
     #[error(
         "{}: expected a study with {what} {expected}, found one with {found}; repeat the settings that it was started \

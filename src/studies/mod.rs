@@ -2,9 +2,10 @@
 //! interruption loses no finished cell.
 
 mod decoders;
+mod drawing;
 mod error;
 mod machine;
-mod plot;
+pub mod plans;
 mod published;
 mod rank;
 mod record;
@@ -25,7 +26,7 @@ pub use record::{StudyCell, StudyRecord};
 pub(crate) use run::RECORD as STUDY_RECORD;
 pub use run::{Study, StudyEvent, StudyStep};
 pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
-pub use summary::{PatchToSensorRatio, RankCorrelation, StudySummary, WithinPublished};
+pub use summary::{RankCorrelation, StudySummary, WithinPublished};
 
 #[cfg(test)]
 mod tests;

@@ -74,7 +74,7 @@ impl StudyCell {
         machine: Machine,
     ) -> Self {
         let (estimate, failure) = match result {
-            Ok(estimate) if is_finite(&estimate) => (Some(estimate), None),
+            Ok(estimate) if estimate.is_finite() => (Some(estimate), None),
             Ok(_) => (None, Some("the estimate is not a finite number; give the fit more time".into())),
             Err(sentence) => (None, Some(sentence)),
         };
@@ -153,20 +153,6 @@ impl StudyCell {
     pub fn name(&self) -> String {
         format!("{}, {}, {}", self.objects, self.design, patch_name(self.patch))
     }
-}
-
-fn is_finite(estimate: &Estimate) -> bool {
-    let [low, high] = estimate.interval_95;
-    let bounds = estimate.bracket.iter().flat_map(|bracket| {
-        let bounds = bracket.upper_bounds.iter().chain(&bracket.lower_bounds);
-        let bounds = bounds.flat_map(|bound| [bound.bits_per_pixel, bound.interval_95[0], bound.interval_95[1]]);
-        bounds.chain(bracket.lower).chain(bracket.lower_interval_95.into_iter().flatten())
-    });
-    [estimate.bits_per_pixel, low, high, estimate.entropy_y, estimate.entropy_y_given_x]
-        .into_iter()
-        .chain(estimate.ceiling)
-        .chain(bounds)
-        .all(f64::is_finite)
 }
 
 impl StudyRecord {

@@ -12,9 +12,8 @@ use crate::information::{Estimate, PairedDifference, TestPatches};
 use crate::progress::Progress;
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
-use crate::studies::plot::bracket_plot;
 use crate::studies::record::{StudyCell, StudyRecord};
-use crate::studies::settings::{PlannedCell, StudyKind, StudySettings};
+use crate::studies::settings::{PlannedCell, StudySettings};
 use crate::studies::tables::{CSV_HEADER, csv_row, markdown};
 
 /// The file that holds a study; the others are made from it.
@@ -29,8 +28,8 @@ type Estimator<'a> = &'a dyn Fn(
 /// An estimate, and the information of each test patch by its density model.
 type Estimated = (Estimate, TestPatches);
 
-/// A study in its folder: `study.json`, the tables `study.md` and `study.csv`, and the plot `study.svg` of a bracket study. A study that
-/// was started without a folder is in memory alone.
+/// A study in its folder: `study.json` and the tables `study.md` and `study.csv`. A study that was started without a folder is
+/// in memory alone.
 #[derive(Debug)]
 pub struct Study {
     folder: Option<PathBuf>,
@@ -129,8 +128,7 @@ impl Study {
     /// The files of the study once it has run; none for one without a folder.
     pub fn files(&self) -> Vec<PathBuf> {
         let Some(folder) = &self.folder else { return Vec::new() };
-        let plot = (self.record.settings.kind == StudyKind::Bracket).then_some("study.svg");
-        [RECORD, "study.md", "study.csv"].into_iter().chain(plot).map(|name| folder.join(name)).collect()
+        [RECORD, "study.md", "study.csv"].into_iter().map(|name| folder.join(name)).collect()
     }
 
     /// The study as a Markdown table with its settings and its summary.
@@ -253,10 +251,6 @@ impl Study {
         write_safely(&folder.join("study.md"), |writer| writer.write_all(text.as_bytes()))?;
         let rows = self.record.cells.iter().map(|cell| csv_row(&self.record.settings, cell));
         write_csv_text(&folder.join("study.csv"), &CSV_HEADER, rows)?;
-        if self.record.settings.kind == StudyKind::Bracket {
-            let plot = bracket_plot(&self.record)?;
-            write_safely(&folder.join("study.svg"), |writer| writer.write_all(plot.as_bytes()))?;
-        }
         Ok(())
     }
 }

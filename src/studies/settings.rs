@@ -19,14 +19,10 @@ use crate::studies::published::{Published, PublishedSet, heuristic_lenslets, pub
 const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];
 /// Lenslets of the published grid.
 const GRID_LENSLETS: [usize; 5] = [1, 2, 4, 6, 9];
-/// Bead densities around the transition from sparse to dense scenes in bracket studies.
-const BRACKET_DENSITIES: [f64; 6] = [0.005, 0.008, 0.013, 0.02, 0.03, 0.05];
-/// Sides of square patches in pixels; the whole sensor comes after them.
-const PATCH_SIDES: [usize; 6] = [8, 12, 16, 24, 32, 48];
 /// Side of the published patch, pixels.
 const PATCH_SIDE: usize = 32;
 
-/// The kind of a study, which decides its tables.
+/// The kind of a study. Only grids are made now; earlier versions wrote the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -138,40 +134,15 @@ pub struct StudySettings {
 impl StudySettings {
     /// The published grid: five heuristic layouts imaging beads of four densities, shot noise, patches of 32 x 32 px.
     pub fn grid() -> Self {
-        Self::beads(StudyKind::Grid, &GRID_DENSITIES, &GRID_LENSLETS, Estimator::Causal)
-    }
-
-    /// Lower and upper bounds for all nine heuristic layouts imaging beads of six densities.
-    pub fn bracket() -> Self {
-        let lenslets: Vec<usize> = (1..=9).collect();
-        Self::beads(StudyKind::Bracket, &BRACKET_DENSITIES, &lenslets, Estimator::Bracket)
-    }
-
-    /// Patches of six sizes and the whole sensor, for one design and its objects.
-    pub fn patches(design: &Design) -> Self {
-        let sides = PATCH_SIDES.iter().map(|&side| Some((side, side)));
-        Self {
-            objects: vec![StudyObjects::new(design.objects.clone(), None)],
-            designs: vec![StudyDesign::new(design.encoder.clone())],
-            patches: sides.chain([None]).collect(),
-            noise: design.noise,
-            mean_photons: design.mean_photons,
-            bias_photons: design.bias_photons,
-            seed: design.seed,
-            ..Self::beads(StudyKind::Patches, &[], &[], Estimator::Causal)
-        }
-    }
-
-    fn beads(kind: StudyKind, densities: &[f64], lenslets: &[usize], estimator: Estimator) -> Self {
         let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
         let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
         Self {
-            kind,
-            objects: densities.iter().map(beads).collect(),
-            designs: lenslets.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
+            kind: StudyKind::Grid,
+            objects: GRID_DENSITIES.iter().map(beads).collect(),
+            designs: GRID_LENSLETS.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
             patches: vec![Some((PATCH_SIDE, PATCH_SIDE))],
-            estimator,
-            budget_seconds: estimator.default_budget().map(|budget| budget.as_secs_f64()),
+            estimator: Estimator::Causal,
+            budget_seconds: Estimator::Causal.default_budget().map(|budget| budget.as_secs_f64()),
             patches_train: 10_000,
             patches_test: 1_500,
             fresh: false,
@@ -339,9 +310,6 @@ mod tests {
             (plan[1].objects.source.to_string().as_str(), plan[1].design.name.as_str()),
             ("beads:0.008", "heuristic:2")
         );
-        assert_eq!(StudySettings::bracket().cells(), 54);
-        let patches = StudySettings::patches(&Design::default());
-        assert_eq!((patches.cells(), patches.patches[6], patches.designs[0].lenslets()), (7, None, Some(9)));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::studies::rank::spearman;
 use crate::studies::record::StudyCell;
-use crate::studies::settings::{StudyKind, StudySettings, patch_name};
+use crate::studies::settings::StudySettings;
 
 use crate::plural::counted;
 
@@ -27,8 +27,6 @@ pub struct StudySummary {
     pub within_published: Vec<WithinPublished>,
     /// Whether the density model puts designs in the published order, by objects.
     pub rank_correlations: Vec<RankCorrelation>,
-    /// Ratio of patches to the whole sensor, in a study of patches that has it.
-    pub patch_to_sensor_ratio: Vec<PatchToSensorRatio>,
 }
 
 /// Estimates at or below the published value and a margin.
@@ -59,33 +57,18 @@ pub struct RankCorrelation {
     pub spearman: f64,
 }
 
-/// An estimate from patches beside that from the whole sensor.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct PatchToSensorRatio {
-    /// The patch.
-    pub patch: String,
-    /// Estimate of the patch less that of the whole sensor, bits per pixel.
-    pub difference: f64,
-    /// Estimate of the patch over that of the whole sensor.
-    pub ratio: f64,
-}
-
 impl StudySummary {
     /// Summary of these cells.
     pub(super) fn of(settings: &StudySettings, cells: &[StudyCell]) -> Self {
         let estimated = cells.iter().filter(|cell| cell.estimate.is_some()).count();
-        // A single patch of many has a published value: no share, no order.
-        let compared = if settings.kind == StudyKind::Patches { &[] } else { cells };
         let above = |cell: &&StudyCell| cell.estimate.as_ref().is_some_and(crate::information::Estimate::above_ceiling);
         Self {
             cells: settings.cells(),
             estimated,
             failed: cells.len() - estimated,
             above_ceiling: cells.iter().filter(above).count(),
-            within_published: within_published(compared),
-            rank_correlations: rank_correlations(settings, compared),
-            patch_to_sensor_ratio: patch_to_sensor_ratio(settings, cells),
+            within_published: within_published(cells),
+            rank_correlations: rank_correlations(settings, cells),
         }
     }
 
@@ -160,16 +143,4 @@ fn rank_correlations(settings: &StudySettings, cells: &[StudyCell]) -> Vec<RankC
             spearman(&pairs).map(|spearman| RankCorrelation { objects, designs: pairs.len(), spearman })
         })
         .collect()
-}
-
-fn patch_to_sensor_ratio(settings: &StudySettings, cells: &[StudyCell]) -> Vec<PatchToSensorRatio> {
-    let whole = cells.iter().find(|cell| cell.patch.is_none()).and_then(StudyCell::bits_per_pixel);
-    let Some(whole) = whole.filter(|&bits| bits > 0.0 && settings.kind == StudyKind::Patches) else {
-        return Vec::new();
-    };
-    let row = |cell: &StudyCell| {
-        let bits = cell.bits_per_pixel()?;
-        Some(PatchToSensorRatio { patch: patch_name(cell.patch), difference: bits - whole, ratio: bits / whole })
-    };
-    cells.iter().filter_map(row).collect()
 }

@@ -4,7 +4,7 @@ use crate::information::{BoundMethod, PairedDifference};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::studies::record::{StudyCell, StudyRecord};
-use crate::studies::settings::{StudyKind, StudySettings, patch_name};
+use crate::studies::settings::{StudySettings, patch_name};
 
 /// Columns of the CSV table; information and intervals in bits per pixel. Unknown values are empty.
 pub(super) const CSV_HEADER: [&str; 31] = [
@@ -40,9 +40,6 @@ pub(super) const CSV_HEADER: [&str; 31] = [
     "threads",
     "failure",
 ];
-
-/// The columns of a cell, for people.
-type Row = fn(&StudyRecord, &StudyCell) -> Vec<String>;
 
 /// Placeholder of an unknown value.
 const NOTHING: &str = "-";
@@ -104,11 +101,6 @@ pub(super) fn density_of(cell: &StudyCell) -> Option<f64> {
 /// The whole study as Markdown, for people.
 pub(super) fn markdown(record: &StudyRecord) -> String {
     let settings = &record.settings;
-    let title = match settings.kind {
-        StudyKind::Grid => "Objects and designs",
-        StudyKind::Patches => "Patches and the whole sensor",
-        StudyKind::Bracket => "Bounds from both sides",
-    };
     let budget = settings.budget_seconds.map_or(String::new(), |seconds| format!(", {seconds} s for each cell"));
     let has_mean = settings.objects.iter().any(|objects| objects.source.has_mean());
     let light = if has_mean {
@@ -117,7 +109,7 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
         String::new()
     };
     let mut lines = vec![
-        format!("# {title}"),
+        "# Objects and designs".to_owned(),
         String::new(),
         format!(
             "Estimator {}{budget}; {} noise{light}, {} per pixel of background; {}; seed {}; \
@@ -131,14 +123,9 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
         ),
         String::new(),
     ];
-    let (header, row): (&[&str], Row) = match settings.kind {
-        StudyKind::Grid => (&GRID, grid_row),
-        StudyKind::Patches => (&PATCHES, patches_row),
-        StudyKind::Bracket => (&BRACKET, bracket_row),
-    };
-    lines.push(line(header.iter().map(|&name| name.to_owned())));
-    lines.push(line(header.iter().map(|_| "---".to_owned())));
-    lines.extend(record.cells.iter().map(|cell| line(row(record, cell).into_iter())));
+    lines.push(line(HEADER.iter().map(|&name| name.to_owned())));
+    lines.push(line(HEADER.iter().map(|_| "---".to_owned())));
+    lines.extend(record.cells.iter().map(|cell| line(row(cell).into_iter())));
     lines.push(String::new());
     lines.extend(record.summary.lines().iter().map(|text| format!("- {text}")));
     let failures = record.cells.iter().filter_map(|cell| Some((cell.name(), cell.failure.as_ref()?)));
@@ -156,7 +143,7 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
     lines.join("\n")
 }
 
-const GRID: [&str; 12] = [
+const HEADER: [&str; 12] = [
     "objects",
     "design",
     "patch",
@@ -171,7 +158,7 @@ const GRID: [&str; 12] = [
     "seconds",
 ];
 
-fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
+fn row(cell: &StudyCell) -> Vec<String> {
     let difference = cell.bits_per_pixel().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
     vec![
         cell.objects.clone(),
@@ -185,55 +172,6 @@ fn grid_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
         bits(cell.ceiling()),
         published(cell),
         difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
-        seconds(cell),
-    ]
-}
-
-const PATCHES: [&str; 7] =
-    ["patch", "estimate", "lower bound", "entropy bound", "estimate - sensor", "estimate / sensor", "seconds"];
-
-fn patches_row(record: &StudyRecord, cell: &StudyCell) -> Vec<String> {
-    let patch = patch_name(cell.patch);
-    let over = record.summary.patch_to_sensor_ratio.iter().find(|over| over.patch == patch);
-    vec![
-        patch.clone(),
-        estimate(cell),
-        lower(cell),
-        bits(cell.ceiling()),
-        over.map_or(NOTHING.into(), |over| format!("{:+.4}", over.difference)),
-        over.map_or(NOTHING.into(), |over| format!("{:.2}", over.ratio)),
-        seconds(cell),
-    ]
-}
-
-const BRACKET: [&str; 12] = [
-    "objects",
-    "design",
-    "patch",
-    "lower bound",
-    "by the decoder",
-    "upper bound",
-    "from",
-    "density bound",
-    "Gaussian bound",
-    "entropy bound",
-    "published",
-    "seconds",
-];
-
-fn bracket_row(_: &StudyRecord, cell: &StudyCell) -> Vec<String> {
-    vec![
-        cell.objects.clone(),
-        cell.design.clone(),
-        patch_name(cell.patch),
-        lower(cell),
-        bits(cell.lower_from_decoder()),
-        estimate(cell),
-        upper_from(cell),
-        density(cell),
-        bits(cell.upper_from(BoundMethod::Gaussian)),
-        bits(cell.ceiling()),
-        published(cell),
         seconds(cell),
     ]
 }

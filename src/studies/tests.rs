@@ -8,8 +8,7 @@ use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::FormatError;
 use crate::forward::{Design, open_set};
 use crate::information::{
-    BoundMethod, Bracket, Estimate, Estimator, NamedBound, PairedDifference, Protocol, Provenance, TestPatches, Trial,
-    TrialSettings,
+    Estimate, Estimator, PairedDifference, Protocol, Provenance, TestPatches, Trial, TrialSettings,
 };
 use crate::optics::{Encoder, heuristic_layout};
 use crate::progress::{CancelToken, Progress};
@@ -38,19 +37,6 @@ pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {
 fn of(design: &Design, mut estimate: Estimate) -> (Estimate, TestPatches) {
     estimate.objects_fingerprint = open_set(design).unwrap().fingerprint();
     (estimate, TestPatches::default())
-}
-
-/// An estimate with a lower and an upper bound; the density model's is a third.
-pub(super) fn bracketed(lower: f64, upper: f64, density: f64) -> Estimate {
-    let mut estimate = estimated(upper, Some(upper));
-    let bound = NamedBound::exact;
-    let mut bracket =
-        Bracket::new(vec![bound(BoundMethod::EntropyBound, upper), bound(BoundMethod::Density, density)], Vec::new())
-            .unwrap();
-    bracket.lower = Some(lower);
-    bracket.lower_interval_95 = Some([lower - 0.01, lower + 0.01]);
-    estimate.bracket = Some(bracket);
-    estimate
 }
 
 /// Two layouts imaging two kinds of beads.
@@ -329,44 +315,4 @@ fn designs_are_compared_with_the_first_on_the_same_patches() {
     let table = std::fs::read_to_string(folder.path().join("study.csv")).unwrap();
     assert!(table.lines().nth(2).unwrap().contains(&format!(",{bits_per_pixel:?},{low:?},{high:?},")), "{table}");
     assert_eq!(&saved(folder.path()), study.record());
-}
-
-#[test]
-fn patches_are_compared_with_the_whole_sensor() {
-    let folder = tempfile::tempdir().unwrap();
-    let settings = StudySettings { patches: vec![Some((8, 8)), None], ..StudySettings::patches(&Design::default()) };
-    let mut study = Study::open(settings, folder.path()).unwrap();
-    let bits = |request: &EstimateRequest| if request.patch.is_some() { 0.75 } else { 0.25 };
-    study
-        .run_with(&|design, request, _| Ok(of(design, estimated(bits(request), None))), &mut CancelToken::new())
-        .unwrap();
-    let text = study.markdown();
-    assert!(text.contains("| 8 x 8 px | 0.75") && text.contains("| +0.5000 | 3.00 |"), "{text}");
-    assert!(text.contains("| sensor | 0.25") && text.contains("| +0.0000 | 1.00 |"), "{text}");
-    assert_eq!(saved(folder.path()).summary, study.record().summary);
-}
-
-#[test]
-fn tables_and_plot_of_brackets_have_all_bounds() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut study = Study::open(
-        StudySettings { designs: vec![StudyDesign::heuristic(9)], ..StudySettings::bracket() },
-        folder.path(),
-    )
-    .unwrap();
-    study.run_with(&|design, _, _| Ok(of(design, bracketed(0.125, 0.25, 0.5))), &mut CancelToken::new()).unwrap();
-    let text = study.markdown();
-    assert!(
-        text.contains("| 0.1250 (0.1150 to 0.1350) | - | 0.2500 (")
-            && text.contains("| entropy bound | 0.5000, above the entropy bound | - |"),
-        "{text}"
-    );
-    // The density model's 0.5 lies above the published 0.433 of density 0.05, the object-entropy bound's 0.25 below all.
-    let within: Vec<_> =
-        study.record().summary.within_published.iter().map(|row| (row.within, row.within_by_density)).collect();
-    assert_eq!(within, [(5, 4); 3], "{text}");
-    // The files say the same after they are read.
-    assert_eq!(&saved(folder.path()), study.record());
-    assert_eq!(study.files().len(), 4);
-    assert!(study.files().iter().all(|file| file.is_file()));
 }

@@ -17,7 +17,7 @@ fn values_out_of_range_are_refused_by_name() {
         ("estimate --patches-test 0", "--patches-test 0: expected 2"),
         // An interval of one patch has no width.
         ("estimate --patches-test 1", "--patches-test 1: expected 2"),
-        ("study bracket --patches-test 1 --out study", "--patches-test 1: expected 2"),
+        ("study run bracket --patches-test 1 --out study", "patches_test: expected 2"),
         ("estimate --trials 0", "--trials 0: expected 1"),
         ("estimate --trials 18446744073709551615", "--trials"),
         ("estimate --patches-train 0", "at least"),
@@ -43,7 +43,6 @@ fn values_out_of_range_are_refused_by_name() {
         ),
         ("estimate --estimator causal --engine cpu", "--estimator pixelcnn"),
         ("estimate --init random", "--estimator causal or bracket"),
-        ("study grid --estimator gaussian --init random --out study", "--estimator causal or bracket"),
         ("estimate --estimator causal --protocol paper", "leave it out for causal"),
         ("estimate --estimator bracket --trials 2", "one trial"),
         ("estimate --estimator causal --noise none", "unbounded without noise"),

@@ -360,6 +360,21 @@ impl Estimate {
         self.ceiling.is_some_and(|ceiling| self.bits_per_pixel > ceiling)
     }
 
+    /// Whether all its numbers are finite.
+    pub(crate) fn is_finite(&self) -> bool {
+        let [low, high] = self.interval_95;
+        let bounds = self.bracket.iter().flat_map(|bracket| {
+            let bounds = bracket.upper_bounds.iter().chain(&bracket.lower_bounds);
+            let bounds = bounds.flat_map(|bound| [bound.bits_per_pixel, bound.interval_95[0], bound.interval_95[1]]);
+            bounds.chain(bracket.lower).chain(bracket.lower_interval_95.into_iter().flatten())
+        });
+        [self.bits_per_pixel, low, high, self.entropy_y, self.entropy_y_given_x]
+            .into_iter()
+            .chain(self.ceiling)
+            .chain(bounds)
+            .all(f64::is_finite)
+    }
+
     /// Reads an estimate from JSON.
     ///
     /// # Errors

@@ -7,7 +7,8 @@ use super::shared_images::SharedImages;
 use crate::information::error::InformationError;
 
 /// Information of each test patch by a density model, and the images that it shows.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TestPatches {
     /// Bits per pixel of each patch.
     pub information: Vec<f64>,

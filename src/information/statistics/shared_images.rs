@@ -7,13 +7,17 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Deserialize, Serialize};
+
 use super::student_t::student_95;
 
 /// Smallest determinant of the forms that is not rounding, relative.
 const SINGULAR: f64 = 1e-9;
 
 /// Images of each patch, and the share of its light from each; the shares of a patch add up to 1.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(transparent)]
 pub struct SharedImages {
     shares: Vec<Vec<(u32, f64)>>,
 }

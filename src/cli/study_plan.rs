@@ -1,0 +1,185 @@
+//! The plan that a command names, and the flags that change it.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use anyhow::bail;
+use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+
+use super::choices::{BudgetChoice, EstimatorChoice};
+use crate::information::Protocol;
+use crate::objects::ObjectSource;
+use crate::sensor::{Noise, PatchSize};
+use crate::studies::plans::{NamedPlan, Plan, StudyMask, named_plans};
+
+/// A plan by name or file, and what replaces its entries. `REQUIRED` says whether there must be one.
+#[derive(Args, Debug)]
+pub(super) struct PlanArgs<const REQUIRED: bool> {
+    /// Name of a plan, its TOML file, or the folder of a study.
+    #[arg(required = REQUIRED)]
+    plan: Option<PathBuf>,
+
+    #[command(flatten)]
+    changes: Changes,
+}
+
+/// Replacements of a plan's entries.
+#[derive(Args, Debug)]
+struct Changes {
+    /// A first look: every second value of long axes, and seconds for each cell.
+    #[arg(long)]
+    quick: bool,
+
+    /// Estimates by exact entropies, or by the published procedure: a fitted PixelCNN, five trials.
+    #[arg(long, value_enum)]
+    protocol: Option<ProtocolChoice>,
+
+    /// An image set of the plan, such as mnist=idx:FILE; repeat the flag for several.
+    #[arg(long, value_name = "NAME=SOURCE", value_parser = set_argument())]
+    set: Vec<(String, ObjectSource)>,
+
+    /// Masks in place of the plan's, as in estimate, or ideal:START for a designed one; repeat the flag for several.
+    #[arg(long, value_name = "MASK", value_parser = mask_argument())]
+    mask: Vec<StudyMask>,
+
+    /// Objects in place of the plan's, as in estimate, or names of its image sets; repeat the flag for several.
+    #[arg(long, value_name = "OBJECTS")]
+    objects: Vec<String>,
+
+    /// Means of the objects, photons per pixel.
+    #[arg(long, value_name = "PHOTONS", value_delimiter = ',')]
+    photons: Vec<f64>,
+
+    /// Backgrounds, photons per pixel.
+    #[arg(long, value_name = "PHOTONS", value_delimiter = ',')]
+    background: Vec<f64>,
+
+    /// Noise of the sensor: shot, read:SIGMA or shot+read:SIGMA.
+    #[arg(long, value_delimiter = ',')]
+    noise: Vec<Noise>,
+
+    /// Patches in pixels: 32, 16x24 (rows x cols), or sensor for whole measurements.
+    #[arg(long, value_delimiter = ',')]
+    patch: Vec<PatchSize>,
+
+    /// The estimators.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    estimator: Vec<EstimatorChoice>,
+
+    /// Seeds of masks, objects, noise, patches and fits.
+    #[arg(long, value_delimiter = ',')]
+    seed: Vec<u64>,
+
+    /// Time for the fits of one cell, such as 60s, 5m or 1h.
+    #[arg(long, conflicts_with = "steps")]
+    budget: Option<BudgetChoice>,
+
+    /// Steps of each fit in place of a time; equal steps give equal numbers on one machine.
+    #[arg(long)]
+    steps: Option<usize>,
+
+    /// Steps of each optimizer run of an ideal: mask.
+    #[arg(long)]
+    ideal_steps: Option<usize>,
+
+    /// Training patches of gaussian and pixelcnn.
+    #[arg(long)]
+    patches_train: Option<usize>,
+
+    /// Held-out test patches.
+    #[arg(long)]
+    patches_test: Option<usize>,
+
+    /// Trials; the smallest estimate counts.
+    #[arg(long)]
+    trials: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ProtocolChoice {
+    Default,
+    Paper,
+}
+
+fn set_argument() -> impl TypedValueParser<Value = (String, ObjectSource)> {
+    OsStringValueParser::new().try_map(|text| {
+        let wrong = || format!("{}: expected NAME=SOURCE, such as mnist=idx:FILE", text.display());
+        let bytes = text.as_encoded_bytes();
+        let at = bytes.iter().position(|&byte| byte == b'=').filter(|&at| at > 0).ok_or_else(wrong)?;
+        let name = std::str::from_utf8(&bytes[..at]).map_err(|_| wrong())?;
+        let source = Path::new(&text).to_str().map(|text| OsStr::new(&text[at + 1..]).to_owned()).ok_or_else(wrong)?;
+        ObjectSource::from_os(&source).map(|source| (name.to_owned(), source)).map_err(|error| error.to_string())
+    })
+}
+
+fn mask_argument() -> impl TypedValueParser<Value = StudyMask> {
+    OsStringValueParser::new().try_map(|text| StudyMask::from_os(&text))
+}
+
+impl<const REQUIRED: bool> PlanArgs<REQUIRED> {
+    /// The plan with its changes; none where none was named.
+    pub fn plan(&self) -> anyhow::Result<Option<Plan>> {
+        let Some(named) = &self.plan else { return Ok(None) };
+        let plan = self.changes.applied(read(named)?).absolute();
+        let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some());
+        if !is_timed && (self.changes.budget.is_some() || self.changes.steps.is_some()) {
+            bail!("--budget and --steps are for fits; leave it out for --estimator gaussian");
+        }
+        plan.cells()?;
+        Ok(Some(plan))
+    }
+}
+
+/// The plan of a name, a file, or the folder of a study.
+fn read(named: &Path) -> anyhow::Result<Plan> {
+    if let Some(found) = named.to_str().and_then(NamedPlan::find) {
+        return Ok(found.plan);
+    }
+    let file = if named.is_dir() { named.join("plan.toml") } else { named.to_path_buf() };
+    if !file.exists() {
+        let names: Vec<String> = named_plans().into_iter().map(|named| named.plan.name).collect();
+        bail!("plan {}: expected a TOML file, the folder of a study, or one of {}", named.display(), names.join(", "));
+    }
+    Ok(Plan::open(&file)?)
+}
+
+/// The given values, or those of the plan where none were given.
+fn or<T: Clone>(given: &[T], planned: Vec<T>) -> Vec<T> {
+    if given.is_empty() { planned } else { given.to_vec() }
+}
+
+impl Changes {
+    fn applied(&self, plan: Plan) -> Plan {
+        let mut plan = if self.protocol == Some(ProtocolChoice::Paper) { plan.by_paper_protocol() } else { plan };
+        if self.quick {
+            plan = plan.quick();
+        }
+        plan.sets.extend(self.set.iter().cloned());
+        let estimators: Vec<_> = self.estimator.iter().map(|choice| choice.estimator()).collect();
+        let axes = &mut plan.axes;
+        axes.mask = or(&self.mask, std::mem::take(&mut axes.mask));
+        axes.objects = or(&self.objects, std::mem::take(&mut axes.objects));
+        axes.photons = or(&self.photons, std::mem::take(&mut axes.photons));
+        axes.background = or(&self.background, std::mem::take(&mut axes.background));
+        axes.noise = or(&self.noise, std::mem::take(&mut axes.noise));
+        axes.patch = or(&self.patch, std::mem::take(&mut axes.patch));
+        axes.estimator = or(&estimators, std::mem::take(&mut axes.estimator));
+        axes.seed = or(&self.seed, std::mem::take(&mut axes.seed));
+        let estimates = &mut plan.estimates;
+        if let Some(BudgetChoice(budget)) = self.budget {
+            (estimates.seconds, estimates.steps) = (Some(budget.as_secs_f64()), None);
+        }
+        if let Some(steps) = self.steps {
+            (estimates.seconds, estimates.steps) = (None, Some(steps));
+        }
+        if self.protocol == Some(ProtocolChoice::Default) {
+            estimates.protocol = Protocol::Default;
+        }
+        estimates.ideal_steps = self.ideal_steps.or(estimates.ideal_steps);
+        estimates.patches_train = self.patches_train.unwrap_or(estimates.patches_train);
+        estimates.patches_test = self.patches_test.unwrap_or(estimates.patches_test);
+        estimates.trials = self.trials.unwrap_or(estimates.trials);
+        plan
+    }
+}

@@ -1,0 +1,192 @@
+//! `study run`: the cells of a plan, with progress, until they are done or a signal asks to stop.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use clap::Args;
+use serde::Serialize;
+
+use super::choices::check_folder;
+use super::failure::Failure;
+use super::output;
+use super::output::ProgressLine;
+use super::study::write_plot;
+use super::study_plan::PlanArgs;
+use crate::evaluation::format_duration;
+use crate::formats::{write_csv_text, write_safely};
+use crate::plural::counted;
+use crate::studies::StudyError;
+use crate::studies::plans::{
+    CSV_HEADER, CellRecord, CellState, Plan, PlanEvent, Shard, StudyFolder, csv_rows, figure_of, markdown, run_cells,
+};
+
+/// Arguments of `study run`.
+#[derive(Args, Debug)]
+pub(super) struct RunArgs {
+    #[command(flatten)]
+    plan: PlanArgs<true>,
+
+    /// Folder of the study. An unfinished study in it is resumed.
+    #[arg(long, value_name = "DIR", required_unless_present = "dry_run")]
+    out: Option<PathBuf>,
+
+    /// Compute only the cells of task I of N, from 0 [default: those of the Slurm job array, or all].
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+
+    /// Print the cells and their estimated time, and compute nothing.
+    #[arg(long)]
+    dry_run: bool,
+
+    /// Print the results as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The results of a study, as `--json` prints them.
+#[derive(Serialize)]
+struct Results<'a> {
+    plan: &'a Plan,
+    cells: Vec<&'a CellRecord>,
+    waiting: usize,
+    failed: usize,
+}
+
+impl RunArgs {
+    /// Runs the command.
+    pub fn run(self) -> Result<(), Failure> {
+        let Some(plan) = self.plan.plan()? else { return Err(anyhow::anyhow!("expected a plan, found none").into()) };
+        let of_slurm = || Shard::of_slurm(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg);
+        let shard = match self.shard {
+            Some(shard) => shard,
+            None => of_slurm()?.unwrap_or_default(),
+        };
+        let Some(out) = self.out.as_ref().filter(|_| !self.dry_run) else {
+            return output::print(&listed(&plan, shard)?);
+        };
+        check_folder(out)?;
+        let folder = StudyFolder::begin(plan, out)?;
+        let Some(summary) = run_with_bar(&folder, shard)? else {
+            // The scheduler or a person asked to stop, and the state is kept.
+            output::report(format_args!("{}: stopped; the same command goes on", out.display()));
+            return Ok(());
+        };
+        let states = folder.states()?;
+        // Tasks of an array would write the same files at once; study table and study plot write them afterwards.
+        if shard.count == 1 {
+            write_results(&folder, &states)?;
+            let figure = figure_of(folder.plan(), folder.cells(), &states);
+            for name in ["plot.svg", "plot.png"] {
+                write_plot(&figure, &out.join(name))?;
+            }
+        }
+        let printed = self.print(&folder, &states);
+        if summary.failed > 0 {
+            return Err(Failure::Incomplete(anyhow::anyhow!(
+                "{}: expected an estimate in every cell, found {} of {} failed; run the same command to retry them",
+                out.display(),
+                summary.failed,
+                summary.cells
+            )));
+        }
+        printed
+    }
+
+    fn print(&self, folder: &StudyFolder, states: &[CellState]) -> Result<(), Failure> {
+        if self.json {
+            let cells: Vec<&CellRecord> = states.iter().filter_map(CellState::done).collect();
+            let failed = states.iter().filter(|state| state.failure().is_some()).count();
+            let waiting = states.len() - cells.len() - failed;
+            return output::print_json(&Results { plan: folder.plan(), cells, waiting, failed });
+        }
+        output::print(&markdown(folder, states))
+    }
+}
+
+/// Writes the tables of a study.
+pub(super) fn write_results(folder: &StudyFolder, states: &[CellState]) -> anyhow::Result<()> {
+    let text = markdown(folder, states);
+    write_safely(&folder.path().join("table.md"), |writer| writer.write_all(text.as_bytes()))?;
+    write_csv_text(&folder.path().join("table.csv"), &CSV_HEADER, csv_rows(folder, states).into_iter())?;
+    Ok(())
+}
+
+/// The cells of a share and their time, for people.
+fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
+    let cells = plan.cells()?;
+    let mut ids: Vec<String> = cells.iter().map(crate::studies::plans::CellSettings::id).collect();
+    let names: Vec<String> = cells.iter().zip(&ids).map(|(cell, id)| format!("{id}  {}", cell.name())).collect();
+    let own = {
+        let all = ids.clone();
+        ids.sort();
+        all.into_iter().map(|id| ids.binary_search(&id).is_ok_and(|rank| shard.holds(rank))).collect::<Vec<_>>()
+    };
+    let time: Duration = cells.iter().zip(&own).filter(|(_, own)| **own).map(|(cell, _)| plan.time_of(cell)).sum();
+    let mut lines: Vec<String> = names.into_iter().zip(&own).filter(|(_, own)| **own).map(|(name, _)| name).collect();
+    lines.push(format!(
+        "{}, about {} on one machine; optimizer runs come on top",
+        counted(lines.len(), "cell"),
+        format_duration(time)
+    ));
+    Ok(lines.join("\n"))
+}
+
+/// Computes the cells of a share, with a progress bar and a line for every cell on standard error; none where a signal stopped it.
+fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<crate::studies::plans::RunSummary>> {
+    let stop = stop_signals();
+    let progress_line = ProgressLine::new();
+    let mut is_announced = false;
+    let result = run_cells(folder, shard, &mut |event: &PlanEvent<'_>| {
+        match event {
+            PlanEvent::Step { number, cells, cell, step, left, .. } => {
+                let left = format_duration(*left);
+                if !is_announced {
+                    progress_line.report(format_args!("{}: about {left} to go", counted(*cells, "cell")));
+                    is_announced = true;
+                }
+                let text = format!("Cell {number} of {cells}, about {left} to go: {}: {step}", cell.name());
+                progress_line.show(number - 1, *cells, &text);
+            }
+            PlanEvent::Done { number, cells, record, .. } => {
+                progress_line.report(finished(*number, *cells, record));
+            }
+        }
+        if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    progress_line.finish();
+    match result {
+        Ok(summary) => Ok(Some(summary)),
+        Err(StudyError::Cancelled) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+/// A flag that the signals of a scheduler raise.
+fn stop_signals() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    #[cfg(unix)]
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGUSR1] {
+        // Without the handler the signal ends the program at once; the last checkpoint stays.
+        let _ = signal_hook::flag::register(signal, Arc::clone(&stop));
+    }
+    stop
+}
+
+fn finished(number: usize, cells: usize, record: &CellRecord) -> String {
+    let result = match (&record.estimate, &record.failure) {
+        (Some(estimate), _) => {
+            let lower = record.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
+            format!(
+                "{lower}{} {:.4} bits per pixel, {:.1} s",
+                estimate.relation(),
+                estimate.bits_per_pixel,
+                record.seconds
+            )
+        }
+        (None, failure) => format!("failed: {}", failure.as_deref().unwrap_or("no reason is known")),
+    };
+    format!("Cell {number} of {cells}: {}: {result}", record.settings.name())
+}

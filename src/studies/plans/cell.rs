@@ -1,0 +1,266 @@
+//! One cell of a plan: its settings and its result.
+
+use std::ffi::OsStr;
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::estimates::EstimateSettings;
+use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
+use crate::formats::{DocumentKind, content_key, json_of};
+use crate::forward::{Design, MaskError, MaskSource};
+use crate::information::{EngineChoice, Estimate, Estimator, NoiseEntropy, TestPatches};
+use crate::objects::ObjectSource;
+use crate::sensor::{Noise, PatchSize};
+use crate::sparsity::TamuraSummary;
+use crate::studies::error::StudyError;
+use crate::studies::machine::Machine;
+use crate::studies::published::PublishedSet;
+
+/// The kind of a cell's file.
+pub(super) const CELL: DocumentKind = DocumentKind::new("lenslet-studio/study-cell", "a cell of a study");
+/// Letters of a cell's id.
+const ID: usize = 16;
+/// What an optimizer run of a cell may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Freedom {
+    /// `ideal:`: places, widths and weights of round lenslets.
+    Round,
+    /// `ideal-elliptic:`: the same with elliptic lenslets.
+    Elliptic,
+    /// `ideal-equal:`: places and widths; the weights stay.
+    EqualWeights,
+}
+
+impl Freedom {
+    const ALL: [Self; 3] = [Self::Round, Self::Elliptic, Self::EqualWeights];
+
+    /// Beginning of the name of a mask.
+    fn prefix(self) -> &'static str {
+        match self {
+            Self::Round => "ideal:",
+            Self::Elliptic => "ideal-elliptic:",
+            Self::EqualWeights => "ideal-equal:",
+        }
+    }
+}
+
+/// A mask of a plan, by name.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(try_from = "String", into = "String")]
+pub enum StudyMask {
+    /// A mask as `--mask` names it.
+    Given(MaskSource),
+    /// `ideal:START` and its like: the design of an optimizer run (IDEAL) from this mask, for the objects and noise of the cell.
+    Ideal {
+        /// The start of the run.
+        start: MaskSource,
+        /// What it may change.
+        freedom: Freedom,
+    },
+}
+
+impl StudyMask {
+    /// The heuristic layout of `count` lenslets, 1 to 9.
+    pub fn heuristic(count: usize) -> Self {
+        Self::Given(MaskSource::Heuristic(count))
+    }
+
+    /// The mask, or the start of its optimizer run.
+    pub fn source(&self) -> &MaskSource {
+        match self {
+            Self::Given(source) | Self::Ideal { start: source, .. } => source,
+        }
+    }
+
+    /// The mask of a text that need not be UTF-8.
+    ///
+    /// # Errors
+    /// [`MaskError`] lists the names that there are.
+    pub fn from_os(text: &OsStr) -> Result<Self, MaskError> {
+        let designed = text.to_str().and_then(|text| {
+            Freedom::ALL.into_iter().find_map(|freedom| Some((freedom, text.strip_prefix(freedom.prefix())?)))
+        });
+        match designed {
+            Some((freedom, start)) => Ok(Self::Ideal { start: start.parse()?, freedom }),
+            None => MaskSource::from_os(text).map(Self::Given),
+        }
+    }
+
+    /// The same mask with an absolute path.
+    #[must_use]
+    pub fn absolute(&self) -> Self {
+        match self {
+            Self::Given(source) => Self::Given(source.absolute()),
+            Self::Ideal { start, freedom } => Self::Ideal { start: start.absolute(), freedom: *freedom },
+        }
+    }
+}
+
+impl FromStr for StudyMask {
+    type Err = MaskError;
+
+    fn from_str(text: &str) -> Result<Self, MaskError> {
+        Self::from_os(OsStr::new(text))
+    }
+}
+
+impl TryFrom<String> for StudyMask {
+    type Error = MaskError;
+
+    fn try_from(text: String) -> Result<Self, MaskError> {
+        text.parse()
+    }
+}
+
+impl From<StudyMask> for String {
+    fn from(mask: StudyMask) -> Self {
+        mask.to_string()
+    }
+}
+
+impl fmt::Display for StudyMask {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Given(source) => write!(f, "{source}"),
+            Self::Ideal { start, freedom } => write!(f, "{}{start}", freedom.prefix()),
+        }
+    }
+}
+
+/// All settings that decide the numbers of a cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct CellSettings {
+    /// The mask.
+    pub mask: StudyMask,
+    /// The objects.
+    pub objects: ObjectSource,
+    /// Mean of the objects, photons per pixel.
+    pub mean_photons: f64,
+    /// Background, photons per pixel.
+    pub bias_photons: f64,
+    /// Noise of the sensor.
+    pub noise: Noise,
+    /// Patch of the estimate.
+    pub patch: PatchSize,
+    /// The estimator.
+    pub estimator: Estimator,
+    /// Seed of mask, objects, noise, patches and fits.
+    pub seed: u64,
+    /// The published image set that the objects are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub published_as: Option<PublishedSet>,
+    /// Settings of the estimate.
+    pub estimates: EstimateSettings,
+}
+
+impl CellSettings {
+    /// Name of the cell's file: a hash of all settings. It does not depend on the plan around the cell.
+    pub fn id(&self) -> String {
+        let mut key = content_key(&json_of(self));
+        key.truncate(ID);
+        key
+    }
+
+    /// The design of the cell, with the mask that `encoder` gives.
+    pub(super) fn design(&self, encoder: crate::optics::Encoder) -> Design {
+        Design {
+            encoder,
+            objects: self.objects.clone(),
+            mean_photons: self.mean_photons,
+            bias_photons: self.bias_photons,
+            noise: self.noise,
+            seed: self.seed,
+            ..Design::default()
+        }
+    }
+
+    /// The request of the cell's estimate.
+    pub(super) fn request(&self) -> EstimateRequest {
+        let EstimateSettings { seconds, steps, patches_train, patches_test, trials, protocol, fresh, ideal_steps: _ } =
+            self.estimates;
+        let budget = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        let model = DensityModel::new(self.estimator, budget, EngineChoice::default());
+        EstimateRequest {
+            model: steps.map_or(model, |steps| model.of_steps(steps)),
+            protocol,
+            patch: self.patch.shape(),
+            patches_train,
+            patches_test,
+            fresh,
+            trials,
+            keep: None,
+            weights: WeightsFiles::default(),
+        }
+    }
+
+    /// Refuses light and noise that allow no estimate, before anything is computed.
+    pub(super) fn check(&self) -> Result<(), StudyError> {
+        NoiseEntropy::new(self.noise, self.estimates.protocol).map_err(EvaluationError::from)?;
+        self.design(Design::default().encoder).check().map_err(EvaluationError::from)?;
+        Ok(())
+    }
+
+    /// Share of the pixels that hold a bead, where the objects are beads.
+    pub fn density(&self) -> Option<f64> {
+        match self.objects {
+            ObjectSource::Beads { density }
+            | ObjectSource::BeadsMax { density }
+            | ObjectSource::Volume { density, .. } => Some(density),
+            _ => None,
+        }
+    }
+
+    /// Objects, mask, patch and estimator for people.
+    pub fn name(&self) -> String {
+        let patch = self.patch.shape().map_or("sensor".into(), |(rows, cols)| format!("{rows} x {cols} px"));
+        format!("{}, {}, {patch}, {}", self.objects, self.mask, self.estimator)
+    }
+}
+
+/// Result of a cell: its estimate, or the sentence that says why there is none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct CellRecord {
+    /// Settings of the cell.
+    pub settings: CellSettings,
+    /// Version of the numbers of the program that computed the cell.
+    pub program_version: String,
+    /// Number of lenslets of the mask, where it has lenslets.
+    pub lenslets: Option<usize>,
+    /// Description of the mask.
+    pub encoder: String,
+    /// Fingerprint of the mask.
+    pub mask_fingerprint: String,
+    /// The estimate; none where it failed.
+    pub estimate: Option<Estimate>,
+    /// Why it failed.
+    pub failure: Option<String>,
+    /// Sentences on how the files of mask and objects were understood, for people.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notices: Vec<String>,
+    /// Tamura coefficient of noisy patches of 32 x 32 px, or of the whole sensor where that is smaller.
+    pub sensor_tamura: Option<TamuraSummary>,
+    /// Information of each test patch by the density model, bits per pixel, and the images that it shows.
+    pub test_patches: TestPatches,
+    /// Time of the cell with all that surrounds its estimate, seconds.
+    pub seconds: f64,
+    /// Machine that computed it.
+    pub machine: Machine,
+}
+
+impl CellRecord {
+    /// The estimate, an upper bound: bits per pixel.
+    pub fn bits_per_pixel(&self) -> Option<f64> {
+        self.estimate.as_ref().map(|estimate| estimate.bits_per_pixel)
+    }
+
+    /// The lower bound, bits per pixel, where one was computed.
+    pub fn lower(&self) -> Option<f64> {
+        self.estimate.as_ref()?.lower()
+    }
+}

@@ -1,0 +1,37 @@
+//! Plans: studies as cells over axes, from a TOML file or by name, computed here or by the tasks of a job array.
+//!
+//! A [`Plan`] crosses the values of its axes to cells. Each cell is one estimate. Its result is one JSON file in the [`StudyFolder`],
+//! named by the content of its settings. Therefore any number of processes may fill one folder, in any order, without locks.
+
+mod axes;
+mod cell;
+mod estimates;
+mod facet;
+mod figure;
+mod folder;
+mod ideal;
+mod named;
+mod paint;
+mod plan;
+mod published;
+mod run;
+mod shard;
+mod slurm;
+mod table;
+
+pub use axes::{Axes, Axis};
+pub use cell::{CellRecord, CellSettings, Freedom, StudyMask};
+pub use estimates::EstimateSettings;
+pub use facet::Facet;
+pub use figure::{Figure, Panel, Point, Series, Tick, figure_of, published_value};
+pub use folder::{CellState, StudyFolder};
+pub use named::{NamedPlan, named_plans};
+pub use paint::{png, svg};
+pub use plan::{Plan, PlotSettings, QuickSettings};
+pub use run::{PlanEvent, RunSummary, run_cells};
+pub use shard::Shard;
+pub use slurm::{BatchScript, shards_of_script};
+pub use table::{CSV_HEADER, csv_rows, markdown, summary};
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,265 @@
+//! Plans, their cells, shards and figures, with estimates of fractions of a second.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use super::axes::{Axes, Axis};
+use super::cell::{CellSettings, StudyMask};
+use super::estimates::EstimateSettings;
+use super::facet::Facet;
+use super::figure::figure_of;
+use super::folder::{CellState, StudyFolder};
+use super::named::{NamedPlan, named_plans};
+use super::paint::{png, svg};
+use super::plan::{Plan, PlotSettings};
+use super::run::{PlanEvent, run_cells};
+use super::shard::Shard;
+use super::table::{csv_rows, markdown};
+use crate::information::Estimator;
+use crate::objects::ObjectSource;
+use crate::progress::CancelToken;
+use crate::sensor::PatchSize;
+use crate::studies::error::StudyError;
+
+/// Two layouts before beads of two densities.
+fn small() -> Plan {
+    let mask = vec![StudyMask::heuristic(1), StudyMask::heuristic(4)];
+    let axes = Axes {
+        patch: vec![PatchSize::Shape(6, 6)],
+        estimator: vec![Estimator::GaussianStationary],
+        ..Axes::new(mask, vec!["beads:0.008".into(), "beads:0.05".into()])
+    };
+    let plot = PlotSettings { x: Facet::Density, lines: Facet::Mask, panels: None, logarithmic: true, optima: true };
+    let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
+    Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) }
+}
+
+/// Runs a share of a plan; returns the number of computed cells.
+fn computed(folder: &StudyFolder, shard: Shard) -> usize {
+    let summary = run_cells(folder, shard, &mut CancelToken::new()).unwrap();
+    assert_eq!(summary.failed, 0);
+    summary.cells - summary.before
+}
+
+fn begun(plan: Plan, path: &Path) -> StudyFolder {
+    StudyFolder::begin(plan, path).unwrap()
+}
+
+fn sentence<T>(result: Result<T, StudyError>) -> String {
+    result.err().unwrap().to_string()
+}
+
+#[test]
+fn named_plans_are_read_from_their_files_again() {
+    for NamedPlan { plan, .. } in named_plans() {
+        assert_eq!(Plan::from_toml(&plan.to_toml().unwrap()).unwrap(), plan);
+        // The published image sets have no file yet.
+        let mut plan = plan;
+        for name in ["mnist", "fashion", "cifar10"] {
+            plan.sets.insert(name.into(), ObjectSource::Idx("a.idx".into()));
+        }
+        let cells = plan.cells().unwrap();
+        assert_eq!(Some(cells.len()), plan.axes.size());
+        let mut ids: Vec<String> = cells.iter().map(CellSettings::id).collect();
+        ids.sort();
+        ids.dedup();
+        assert_eq!(ids.len(), cells.len(), "{}", plan.name);
+        let quick = plan.quick().cells().unwrap();
+        assert!(quick.len() <= cells.len() && quick[0].mask == cells[0].mask);
+    }
+    let fig2 = NamedPlan::find("fig2").unwrap().plan;
+    assert_eq!((fig2.cells().unwrap().len(), fig2.quick().cells().unwrap().len()), (216, 60));
+}
+
+#[test]
+fn zipped_axes_advance_together() {
+    let mut plan = small();
+    plan.axes.zip = vec![vec![Axis::Mask, Axis::Objects]];
+    let cells = plan.cells().unwrap();
+    let names: Vec<String> = cells.iter().map(|cell| format!("{} {}", cell.mask, cell.objects)).collect();
+    assert_eq!(names, ["heuristic:1 beads:0.008", "heuristic:4 beads:0.05"]);
+    plan.axes.objects.pop();
+    assert!(sentence(plan.cells()).contains("equally many values"));
+}
+
+#[test]
+fn plans_that_cannot_be_computed_are_refused_in_one_sentence() {
+    let refused = |change: &dyn Fn(&mut Plan)| {
+        let mut plan = small();
+        change(&mut plan);
+        sentence(plan.cells())
+    };
+    for (message, part) in [
+        (refused(&|plan| plan.axes.mask.clear()), "axis mask: expected at least one value, found none"),
+        (refused(&|plan| plan.axes.mask.push(StudyMask::heuristic(4))), "heuristic:4 twice"),
+        (refused(&|plan| plan.axes.seed = (0..1_000_000).collect()), "at most 100000 cells, found 4000000"),
+        (refused(&|plan| plan.axes.photons = vec![-1.0]), "mean_photons"),
+        (refused(&|plan| plan.axes.noise = vec![crate::sensor::Noise::None]), "without noise"),
+        (refused(&|plan| plan.axes.objects = vec!["mnist".into()]), "--set mnist=idx:FILE"),
+        (refused(&|plan| plan.axes.objects = vec!["pearls:1".into()]), "objects pearls:1"),
+        (refused(&|plan| plan.estimates.patches_test = 1), "patches_test: expected 2"),
+        (refused(&|plan| plan.estimates.seconds = Some(f64::NAN)), "seconds: expected 0.001 s"),
+    ] {
+        assert!(message.contains(part) && !message.contains('\n'), "{part} in {message}");
+    }
+    let text = small().to_toml().unwrap();
+    for (from, to, part) in [
+        ("mask = ", "masks = ", "unknown field `masks`"),
+        ("lenslet-studio/plan", "lenslet-studio/design", "format \"lenslet-studio/design\""),
+        ("format_version = 1", "format_version = 9", "newer Lenslet Studio"),
+        ("heuristic:1", "heuristic:77", "1 to 9"),
+        ("[plot]", "[plot", "in line"),
+        ("x = \"density\"", "x = \"colour\"", "colour"),
+    ] {
+        let found = Plan::from_toml(&text.replacen(from, to, 1)).unwrap_err();
+        assert!(found.contains(part) && !found.contains('\n'), "{part} in {found}");
+    }
+}
+
+#[test]
+fn shards_fill_one_folder_as_one_machine_does() {
+    let (one, two) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let alone = begun(small(), one.path());
+    assert_eq!(computed(&alone, Shard::default()), 4);
+    let shared = begun(small(), two.path());
+    let shards = ["0/3", "1/3", "2/3"].map(|text| text.parse().unwrap());
+    let counts = shards.map(|shard| computed(&shared, shard));
+    assert_eq!(counts.iter().sum::<usize>(), 4);
+    assert!(counts.iter().all(|&count| count > 0));
+    let rows = |folder: &StudyFolder| csv_rows(folder, &folder.states().unwrap());
+    assert_eq!(rows(&alone), rows(&shared));
+    assert!(rows(&alone).iter().all(|row| !row[11].is_empty()));
+    // Nothing is computed twice, and the folder may be opened without its plan.
+    assert_eq!(computed(&StudyFolder::open(two.path()).unwrap(), Shard::default()), 0);
+}
+
+#[test]
+fn files_that_are_cut_old_or_of_another_cell_are_computed_again() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = begun(small(), place.path());
+    computed(&folder, Shard::default());
+    let before = csv_rows(&folder, &folder.states().unwrap());
+    let text = |index: usize| std::fs::read_to_string(folder.cell_file(index)).unwrap();
+    std::fs::write(folder.cell_file(0), &text(0)[..400]).unwrap();
+    std::fs::write(folder.cell_file(1), text(1).replacen("\"format_version\": 1", "\"format_version\": 7", 1)).unwrap();
+    std::fs::write(folder.cell_file(2), text(3)).unwrap();
+    let states = folder.states().unwrap();
+    let said: Vec<&str> = states.iter().filter_map(CellState::failure).collect();
+    assert_eq!(said.len(), 3);
+    assert!(said[1].contains("newer") && said[2].contains("found another"), "{said:?}");
+    assert!(markdown(&folder, &states).contains("3 unusable"));
+    assert_eq!(computed(&folder, Shard::default()), 3);
+    assert_eq!(csv_rows(&folder, &folder.states().unwrap()), before);
+}
+
+#[test]
+fn other_plans_are_kept_out_of_a_folder() {
+    let place = tempfile::tempdir().unwrap();
+    begun(small(), place.path());
+    let mut other = small();
+    other.axes.seed = vec![2];
+    assert!(sentence(StudyFolder::begin(other, place.path())).contains("cells of another"));
+    // A new title is no other plan.
+    begun(Plan { title: "Two".into(), ..small() }, place.path());
+    let empty = tempfile::tempdir().unwrap();
+    assert!(sentence(StudyFolder::open(empty.path())).contains("no plan.toml"));
+    std::fs::write(empty.path().join("study.json"), "{}").unwrap();
+    assert!(sentence(StudyFolder::begin(small(), empty.path())).contains("earlier version"));
+}
+
+#[test]
+fn a_stopped_study_keeps_its_cells_and_goes_on() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = begun(small(), place.path());
+    let mut left = Vec::new();
+    let stopped = run_cells(&folder, Shard::default(), &mut |event: &PlanEvent<'_>| match event {
+        PlanEvent::Done { number: 2, .. } => ControlFlow::Break(()),
+        PlanEvent::Step { left: time, .. } => {
+            left.push(*time);
+            ControlFlow::Continue(())
+        }
+        PlanEvent::Done { .. } => ControlFlow::Continue(()),
+    });
+    assert!(matches!(stopped, Err(StudyError::Cancelled)) && !left.is_empty());
+    let done = folder.states().unwrap().iter().filter(|state| state.done().is_some()).count();
+    assert_eq!((done, computed(&folder, Shard::default())), (2, 2));
+}
+
+#[test]
+fn a_cell_that_fails_says_why_and_harms_no_other() {
+    let place = tempfile::tempdir().unwrap();
+    let mut plan = small();
+    plan.axes.mask.push(format!("psf:{}", place.path().join("none.png").display()).parse().unwrap());
+    plan.axes.objects.truncate(1);
+    let folder = begun(plan, place.path());
+    let summary = run_cells(&folder, Shard::default(), &mut CancelToken::new()).unwrap();
+    assert_eq!((summary.cells, summary.failed), (3, 1));
+    let states = folder.states().unwrap();
+    assert!(states[2].failure().is_some_and(|failure| failure.contains("none.png")));
+    assert!(markdown(&folder, &states).contains("failed: beads:0.008, psf:"));
+    let again = run_cells(&folder, Shard::default(), &mut CancelToken::new()).unwrap();
+    assert_eq!((again.before, again.failed), (2, 1));
+}
+
+#[test]
+fn results_of_files_that_changed_are_computed_again() {
+    let place = tempfile::tempdir().unwrap();
+    let objects = place.path().join("objects.npy");
+    let stack =
+        |scale: f32| ndarray::Array3::from_shape_fn((4, 64, 64), |(n, row, col)| scale * ((n + row * col) % 7) as f32);
+    crate::formats::write_array(&objects, stack(1.0).view()).unwrap();
+    let mut plan = small();
+    plan.axes.objects = vec![format!("stack:{}", objects.display())];
+    plan.axes.mask.truncate(1);
+    let folder = begun(plan, &place.path().join("out"));
+    assert_eq!((computed(&folder, Shard::default()), computed(&folder, Shard::default())), (1, 0));
+    crate::formats::write_array(&objects, stack(1.5).view()).unwrap();
+    assert_eq!(computed(&folder, Shard::default()), 1);
+}
+
+#[test]
+fn figures_hold_lines_optima_and_published_values() {
+    let place = tempfile::tempdir().unwrap();
+    let mut plan = small();
+    plan.axes.patch = vec![PatchSize::Shape(32, 32)];
+    plan.estimates = EstimateSettings { patches_train: 60, patches_test: 20, ..plan.estimates };
+    let folder = begun(plan, place.path());
+    let empty = figure_of(folder.plan(), folder.cells(), &folder.states().unwrap());
+    assert!(empty.panels[0].series.iter().all(|series| series.points.is_empty()));
+    assert!(!svg(&empty).unwrap().contains("NaN"));
+    computed(&folder, Shard::default());
+    let figure = figure_of(folder.plan(), folder.cells(), &folder.states().unwrap());
+    let [panel] = figure.panels.as_slice() else { panic!("{figure:?}") };
+    let names: Vec<&str> = panel.series.iter().map(|series| series.name.as_str()).collect();
+    assert_eq!((names, figure.logarithmic), (vec!["heuristic:1", "heuristic:4"], true));
+    let four = &panel.series[1];
+    assert_eq!(four.points.iter().map(|point| point.published).collect::<Vec<_>>(), [Some(0.3138), Some(0.5661)]);
+    let (best, bits) = four.optimum().unwrap();
+    assert!(best.tamura.is_some() && four.points.iter().all(|point| point.lower.unwrap() <= bits));
+    let text = svg(&figure).unwrap();
+    for part in ["Two layouts", "heuristic:4", "beads per object pixel", "published", "optimum of a line"] {
+        assert!(text.contains(part), "{part}");
+    }
+    let image = png(&figure).unwrap();
+    assert!(image.dim().2 == 3 && image.iter().any(|&value| value < 100) && image[[0, 0, 0]] == 255);
+}
+
+#[test]
+fn axes_without_a_role_tell_lines_apart() {
+    let mut plan = small();
+    plan.axes.seed = vec![1, 2];
+    plan.plot.panels = Some(Facet::Objects);
+    plan.plot.x = Facet::Mask;
+    plan.plot.lines = Facet::Estimator;
+    let cells = plan.cells().unwrap();
+    let figure = figure_of(&plan, &cells, &vec![CellState::Waiting; cells.len()]);
+    assert_eq!(figure.panels.len(), 2);
+    let names: Vec<&str> = figure.panels[0].series.iter().map(|series| series.name.as_str()).collect();
+    assert_eq!(names, ["gaussian-stationary, 1", "gaussian-stationary, 2"]);
+    // The mask of an optimizer run has no number of lenslets before it runs: its axis has names.
+    plan.axes.mask.push("ideal:random:25".parse().unwrap());
+    let cells = plan.cells().unwrap();
+    let figure = figure_of(&plan, &cells, &vec![CellState::Waiting; cells.len()]);
+    assert_eq!(figure.ticks[2].label, "ideal:random:25");
+    assert_eq!(figure.x_label, "mask");
+}
