@@ -179,9 +179,8 @@ impl Arguments {
         let scene = DecoderScene::new(&forward, self.protocol)?;
         let psf = forward.psf(&design)?;
         let model = scene.model(psf.view())?;
-        let seed_and_folder = (design.seed, self.out.as_deref());
         let trained = if kind.needs().training {
-            Some(self.network.networks(kind, (&scene, &model), seed_and_folder)?)
+            Some(self.network.networks(kind, (&scene, &model), &design, self.out.as_deref())?)
         } else {
             None
         };

@@ -11,18 +11,17 @@ use super::choices::{BudgetChoice, check_count};
 use super::failure::Failure;
 use super::output::{self, ProgressLine};
 use crate::formats::{read_bytes, write_safely};
+use crate::forward::Design;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderKind, DecoderScene, DecoderTraining, ImagingModel, TrainedDecoder, TrainingBudget, TrainingMasks,
-    TrainingPoint, TrainingRecord, TrainingStep,
+    DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
+    TrainingMasks, TrainingPoint, TrainingStep,
 };
 
 /// Most networks.
 const MOST_NETWORKS: usize = 100;
 /// Most steps of a training.
 const MOST_STEPS: usize = 100_000_000;
-/// Largest file of weights, bytes.
-const LARGEST_WEIGHTS: u64 = 1 << 28;
 /// Budget where none is given, seconds.
 const BUDGET_SECONDS: f64 = 60.0;
 /// Parts of the budget that the progress line counts.
@@ -101,6 +100,13 @@ impl NetworkArgs {
         if self.any_mask && decoder != DecoderKind::Network {
             anyhow::bail!("--any-mask: expected --decoder network, found {decoder}; leave --any-mask out");
         }
+        let is_tested_as_it_is = self.weights.is_some() && self.budget.is_none() && self.steps.is_none();
+        if let Some((name, _)) = given[2..4].iter().find(|(_, given)| *given && is_tested_as_it_is) {
+            anyhow::bail!(
+                "{name}: expected a training, found --weights alone, which tests one network; add --budget or --steps, or leave \
+                 {name} out"
+            );
+        }
         check_count("--networks", self.networks, 1..=MOST_NETWORKS)?;
         self.steps.map_or(Ok(()), |steps| check_count("--steps", steps, 1..=MOST_STEPS))
     }
@@ -115,7 +121,8 @@ impl NetworkArgs {
         &self,
         kind: DecoderKind,
         (scene, model): (&DecoderScene, &ImagingModel),
-        (seed, out): (u64, Option<&Path>),
+        Design { encoder, seed, .. }: &Design,
+        out: Option<&Path>,
     ) -> Result<Networks, Failure> {
         let start = self.weights.as_deref().map(|path| read(kind, path, scene)).transpose()?;
         let budget = match (self.budget, self.steps) {
@@ -127,10 +134,9 @@ impl NetworkArgs {
             return Ok(Networks { networks: vec![start.clone()], files: Vec::new() });
         }
         let budget = budget.unwrap_or(TrainingBudget::Seconds(BUDGET_SECONDS));
-        let masks = if self.any_mask {
-            TrainingMasks::Any { psf: model.psf().dim() }
-        } else {
-            TrainingMasks::One(model.clone())
+        let masks = match self.any_mask {
+            true => TrainingMasks::any(encoder).map_err(anyhow::Error::from).context("--any-mask")?,
+            false => TrainingMasks::One(model.clone()),
         };
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {
@@ -144,7 +150,7 @@ impl NetworkArgs {
             let training = DecoderTraining { kind, budget, seed };
             let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
             line.finish();
-            output::report(format_args!("Network {}: {}", index + 1, summary(&network)));
+            output::report(format_args!("Network {}: {}", index + 1, network.summary()));
             if let Some(out) = out {
                 let path = out.join(format!("network-{}.safetensors", index + 1));
                 let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
@@ -170,13 +176,6 @@ fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene) -> anyhow::Result<
     let network = TrainedDecoder::from_bytes(kind, &read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
     network.training().check_scene(scene).with_context(about)?;
     Ok(network)
-}
-
-fn summary(network: &TrainedDecoder) -> String {
-    let TrainingRecord { steps, seconds, psnr_db, .. } = network.training();
-    let kept = if network.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
-    let linear = network.linear_psnr_db().map_or(String::new(), |psnr| format!(", linear estimate {psnr:.2} dB{kept}"));
-    format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB{linear}")
 }
 
 fn text_of(step: &TrainingStep, (number, of): (usize, usize)) -> String {

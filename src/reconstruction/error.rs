@@ -76,6 +76,12 @@ pub enum ReconstructionError {
     /// The U-net is trained for one mask.
     #[error("Published U-net: expected one mask to train for, found any; train it for one, or choose network")]
     OneMask,
+    /// The masks that a network for any mask learns from are lenslets.
+    #[error("network for any mask: expected a mask of lenslets, found {found}; train it for this mask alone")]
+    NoLenslets {
+        /// The mask.
+        found: String,
+    },
     /// The decoder has no training.
     #[error("{decoder}: expected a decoder that is trained, found one that is not; choose network or unet")]
     Untrained {

@@ -36,5 +36,5 @@ pub use published_unet::{TrainedUnet, UnetDecoder, UnetTraining};
 pub use quality::{ImageQuality, psnr_db};
 pub use richardson_lucy::RichardsonLucy;
 pub use total_variation::TotalVariation;
-pub use trained_decoder::{DecoderTraining, TrainedDecoder};
+pub use trained_decoder::{DecoderTraining, LARGEST_WEIGHTS, TrainedDecoder};
 pub use training_record::{NetworkMask, TrainingPoint, TrainingRecord};

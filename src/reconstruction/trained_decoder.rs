@@ -12,6 +12,9 @@ use super::training_record::TrainingRecord;
 use crate::nn::NetworkError;
 use crate::progress::{CancelToken, Progress};
 
+/// Largest file of weights, bytes.
+pub const LARGEST_WEIGHTS: u64 = 1 << 28;
+
 /// Training of a decoder that needs it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DecoderTraining {
@@ -99,6 +102,14 @@ impl TrainedDecoder {
         match self {
             Self::Network(network) => &network.training,
             Self::Unet(network) => &network.training,
+        }
+    }
+
+    /// One line on its training.
+    pub fn summary(&self) -> String {
+        match self {
+            Self::Network(network) => network.summary(),
+            Self::Unet(network) => network.training.summary(),
         }
     }
 

@@ -106,6 +106,12 @@ impl TrainingRecord {
         }
     }
 
+    /// One line on the training.
+    pub fn summary(&self) -> String {
+        let Self { steps, seconds, psnr_db, .. } = self;
+        format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB")
+    }
+
     /// Refuses another scene than that of the training.
     ///
     /// # Errors
@@ -118,7 +124,10 @@ impl TrainingRecord {
     }
 
     /// Refuses another field or mask than that of the training.
-    pub(super) fn check_mask(&self, model: &ImagingModel) -> Result<(), ReconstructionError> {
+    ///
+    /// # Errors
+    /// [`ReconstructionError::Shape`] for another field, [`ReconstructionError::OtherMask`].
+    pub fn check_mask(&self, model: &ImagingModel) -> Result<(), ReconstructionError> {
         if model.field() != self.field {
             let (expected, found) = (self.field, model.field());
             return Err(ReconstructionError::shape("field", &[expected.0, expected.1], &[found.0, found.1]));

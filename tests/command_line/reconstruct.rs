@@ -75,6 +75,15 @@ fn networks_are_trained_tested_and_read_again() {
         (format!("{line} --bias 3 --weights a/network-1.safetensors"), "the scene that it was trained for"),
         (format!("{line} --weights images.idx"), "not weights of this network"),
         ("reconstruct --steps 3".to_owned(), "--steps: expected --decoder network"),
+        (
+            format!("{line} --weights a/network-1.safetensors --networks 3"),
+            "--networks: expected a training, found --weights",
+        ),
+        (
+            format!("{line} --weights a/network-1.safetensors --any-mask"),
+            "--any-mask: expected a training, found --weights",
+        ),
+        (format!("{line} --any-mask --steps 1 --mask diffuser:8"), "expected a mask of lenslets, found diffuser"),
         (format!("{line} --networks 0"), "--networks 0: expected 1 to 100"),
         (
             "reconstruct --decoder unet --any-mask".to_owned(),

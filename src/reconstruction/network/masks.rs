@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1};
 
 use crate::forward::{DesignError, ForwardError};
-use crate::optics::{HEURISTIC_SIGMA, Lenslet, LensletArray, render_psf};
+use crate::optics::{Encoder, HEURISTIC_SIGMA, Lenslet, LensletArray, render_psf};
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::model::ImagingModel;
 
@@ -31,6 +31,19 @@ pub enum TrainingMasks {
         /// Rows and columns of the point spread functions, px.
         psf: (usize, usize),
     },
+}
+
+impl TrainingMasks {
+    /// Any mask of lenslets on the grid of this one.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::NoLenslets`] where it has no lenslets.
+    pub fn any(encoder: &Encoder) -> Result<Self, ReconstructionError> {
+        match encoder.lenslets() {
+            Some(_) => Ok(Self::Any { psf: encoder.grid() }),
+            None => Err(ReconstructionError::NoLenslets { found: encoder.describe() }),
+        }
+    }
 }
 
 /// A random lenslet mask on a grid of (rows, cols), as a point spread function of shape (1, rows, cols).
@@ -78,5 +91,14 @@ mod tests {
             assert!(masks[..index].iter().all(|other| other != mask));
         }
         assert!(random_psf((2, 2), &mut random).is_ok());
+    }
+
+    #[test]
+    fn any_mask_is_one_of_lenslets() {
+        let lenslets = Encoder::Lenslets(crate::optics::heuristic_layout(3));
+        assert!(matches!(TrainingMasks::any(&lenslets), Ok(TrainingMasks::Any { psf }) if psf == lenslets.grid()));
+        let diffuser = Encoder::Diffuser(crate::optics::Diffuser { aperture_px: 8, seed: 1 });
+        let sentence = TrainingMasks::any(&diffuser).unwrap_err().to_string();
+        assert!(sentence.contains("expected a mask of lenslets, found diffuser, aperture 8 px"), "{sentence}");
     }
 }

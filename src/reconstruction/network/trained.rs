@@ -36,6 +36,12 @@ impl TrainedNetwork {
         self.training.psnr_db <= self.linear_psnr_db
     }
 
+    /// One line on its training.
+    pub fn summary(&self) -> String {
+        let kept = if self.is_linear() { "; the linear estimate is kept, as no weights were better" } else { "" };
+        format!("{}, linear estimate {:.2} dB{kept}", self.training.summary(), self.linear_psnr_db)
+    }
+
     /// The bytes of a safetensors file. Its header holds the record of the training.
     ///
     /// # Errors

@@ -75,6 +75,8 @@ pub struct TrainingStep {
     pub validation: Option<TrainingPoint>,
     /// Number of times that training diverged and resumed from averaged weights at half the rate.
     pub restarts: usize,
+    /// The network of the best weights so far, from the first validation on; of a network on top of the linear estimate alone.
+    pub best: Option<Arc<TrainedNetwork>>,
 }
 
 /// Training of a network on top of the linear estimate.
@@ -98,7 +100,7 @@ impl NetworkTraining {
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where mask and field do not fit, and where `start` is of other objects;
-    /// [`ReconstructionError::Cancelled`] after the step, or the part of the preparation, that is at work.
+    /// [`ReconstructionError::Cancelled`] after the object of a step, or the part of the preparation, that is at work.
     pub fn train(
         &self,
         scene: &DecoderScene,
@@ -129,21 +131,30 @@ impl NetworkTraining {
             None => layers.layout.draw(seed),
         };
         let mut run = Run::new(&layers, scene, weights);
-        let mut best = Best::new(&validation, &run);
+        let mut best = Best::new(&validation, &run, cancel)?;
         let mut curve = Vec::new();
+        let mut trained = None;
         let mut done = 0.0;
         while done < 1.0 {
             let started = Instant::now();
             let batch = batches.next(cancel)?;
-            run.step(&batch, done);
+            run.step(&batch, done, cancel)?;
             done = match self.budget {
                 TrainingBudget::Seconds(budget) => (run.seconds + started.elapsed().as_secs_f64()) / budget.max(1e-3),
                 TrainingBudget::Steps(steps) => run.steps as f64 / steps.max(1) as f64,
             };
             if run.steps.is_multiple_of(STEPS_PER_VALIDATION) || done >= 1.0 {
-                let psnr_db = best.validate(&validation, &run);
+                let psnr_db = best.validate(&validation, &run, cancel)?;
                 let seconds = run.seconds + started.elapsed().as_secs_f64();
                 curve.push(TrainingPoint { steps: run.steps, seconds, psnr_db });
+                let record = TrainingRecord::new(scene, mask.clone(), self.seed);
+                let curve = curve.clone();
+                trained = Some(Arc::new(TrainedNetwork {
+                    training: TrainingRecord { steps: run.steps, seconds, psnr_db: best.psnr_db, curve, ..record },
+                    linear_psnr_db: validation.linear_psnr_db,
+                    deviation,
+                    weights: best.weights.clone(),
+                }));
             }
             run.seconds += started.elapsed().as_secs_f64();
             let step = TrainingStep {
@@ -156,18 +167,14 @@ impl NetworkTraining {
                 linear_psnr_db: Some(validation.linear_psnr_db),
                 validation: curve.last().copied(),
                 restarts: run.restarts,
+                best: trained.clone(),
             };
             if progress.report(&step).is_break() || cancel.is_cancelled() {
                 return Err(ReconstructionError::Cancelled);
             }
         }
-        let record = TrainingRecord::new(scene, mask, self.seed);
-        Ok(TrainedNetwork {
-            training: TrainingRecord { steps: run.steps, seconds: run.seconds, psnr_db: best.psnr_db, curve, ..record },
-            linear_psnr_db: validation.linear_psnr_db,
-            deviation,
-            weights: best.weights,
-        })
+        // The last step is validated.
+        trained.map(Arc::unwrap_or_clone).ok_or(ReconstructionError::Cancelled)
     }
 }
 
@@ -227,21 +234,25 @@ impl<'a> Run<'a> {
         self.optimizer.result(&self.weights)
     }
 
-    /// One step after a share `done` of the budget.
-    fn step(&mut self, batch: &[Sample], done: f64) {
+    /// One step after a share `done` of the budget. A cancelled one changes no weights.
+    fn step(&mut self, batch: &[Sample], done: f64, cancel: &CancelToken) -> Result<(), ReconstructionError> {
         let ready = Ready::new(self.layers, &self.weights);
         let (field, count) = (self.field, (batch.len() * self.field.0 * self.field.1) as f32);
         let pairs = batch.par_iter().zip(self.memory.par_iter_mut()).with_max_len(1);
-        let errors: Vec<Errors> = pairs
+        let errors: Option<Vec<Errors>> = pairs
             .map(|(sample, (memory, gradient))| {
+                if cancel.is_cancelled() {
+                    return None;
+                }
                 ready.forward(&sample.example.image, memory);
                 let mut by_result = std::mem::take(&mut memory.result);
                 let errors = errors_of(sample, field, padded(field).1, &mut by_result, LOSS_FACTOR / count);
                 ready.backward(&by_result, gradient, memory);
                 memory.result = by_result;
-                errors
+                Some(errors)
             })
             .collect();
+        let errors = errors.ok_or(ReconstructionError::Cancelled)?;
         drop(ready);
         let parts: Vec<&[f32]> = self.memory.iter().map(|(_, gradient)| gradient.as_slice()).collect();
         ordered_sum(&parts, &mut self.gradient);
@@ -253,10 +264,11 @@ impl<'a> Run<'a> {
         let has_diverged = !square.is_finite() || self.note(sum(|error| error.network), sum(|error| error.linear));
         if has_diverged {
             self.restart();
-            return;
+            return Ok(());
         }
         let rate = self.rate * cosine_factor(done) as f32;
         self.optimizer.step(&mut self.weights, &self.gradient, scale, rate);
+        Ok(())
     }
 
     /// Adds the losses of a step to the recent ones; whether training diverges.
@@ -355,15 +367,18 @@ impl Validation {
         }
         let (field, peak) = (scene.set.field(), scene.set.peak() as f32);
         let mut validation = Self { samples: all, peak, field, linear_psnr_db: 0.0 };
-        validation.linear_psnr_db = validation.psnr_db(None);
+        validation.linear_psnr_db = validation.psnr_db(None, cancel)?;
         Ok(validation)
     }
 
     /// PSNR of clipped estimates: of a network, or of the linear estimate.
-    fn psnr_db(&self, network: Option<&Ready<'_>>) -> f64 {
+    fn psnr_db(&self, network: Option<&Ready<'_>>, cancel: &CancelToken) -> Result<f64, ReconstructionError> {
         let ((rows, cols), peak) = (self.field, self.peak);
         let padded = padded(self.field);
         let of_sample = |memory: &mut Option<Activations>, Sample { example, truth, unit }: &Sample| {
+            if cancel.is_cancelled() {
+                return None;
+            }
             if let (Some(network), Some(memory)) = (network, memory.as_mut()) {
                 network.forward(&example.image, memory);
             }
@@ -375,11 +390,12 @@ impl Validation {
                 let estimate = ((example.linear[at] + correction(at)) / peak).clamp(0.0, 1.0);
                 f64::from(estimate - truth[at] / peak).powi(2)
             };
-            (0..rows * cols).map(error).sum::<f64>() / (rows * cols) as f64
+            Some((0..rows * cols).map(error).sum::<f64>() / (rows * cols) as f64)
         };
         let memory = || network.map(|network| network.activations(padded));
-        let errors: Vec<f64> = self.samples.par_iter().map_init(memory, of_sample).collect();
-        psnr_db(errors.iter().sum::<f64>() / errors.len().max(1) as f64)
+        let errors: Option<Vec<f64>> = self.samples.par_iter().map_init(memory, of_sample).collect();
+        let errors = errors.ok_or(ReconstructionError::Cancelled)?;
+        Ok(psnr_db(errors.iter().sum::<f64>() / errors.len().max(1) as f64))
     }
 }
 
@@ -390,22 +406,27 @@ struct Best {
 }
 
 impl Best {
-    fn new(validation: &Validation, run: &Run<'_>) -> Self {
-        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, &run.weights)));
+    fn new(validation: &Validation, run: &Run<'_>, cancel: &CancelToken) -> Result<Self, ReconstructionError> {
+        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, &run.weights)), cancel)?;
         if psnr_db >= validation.linear_psnr_db {
-            return Self { weights: run.weights.clone(), psnr_db };
+            return Ok(Self { weights: run.weights.clone(), psnr_db });
         }
         // The weights that training began with are worse than none.
-        Self { weights: vec![0.0; run.weights.len()], psnr_db: validation.linear_psnr_db }
+        Ok(Self { weights: vec![0.0; run.weights.len()], psnr_db: validation.linear_psnr_db })
     }
 
     /// Keeps the averaged weights where they are better; their PSNR, dB.
-    fn validate(&mut self, validation: &Validation, run: &Run<'_>) -> f64 {
-        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, run.averaged())));
+    fn validate(
+        &mut self,
+        validation: &Validation,
+        run: &Run<'_>,
+        cancel: &CancelToken,
+    ) -> Result<f64, ReconstructionError> {
+        let psnr_db = validation.psnr_db(Some(&Ready::new(run.layers, run.averaged())), cancel)?;
         if psnr_db > self.psnr_db {
             self.psnr_db = psnr_db;
             self.weights.copy_from_slice(run.averaged());
         }
-        psnr_db
+        Ok(psnr_db)
     }
 }

@@ -139,6 +139,7 @@ impl UnetTraining {
                 linear_psnr_db: None,
                 validation: curve.last().copied(),
                 restarts: 0,
+                best: None,
             };
             if progress.report(&step).is_break() || cancel.is_cancelled() {
                 return Err(ReconstructionError::Cancelled);
