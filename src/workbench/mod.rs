@@ -10,6 +10,7 @@ mod live;
 mod reconstructions;
 mod runs;
 mod session;
+mod trainings;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
 pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
@@ -40,6 +41,7 @@ pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
 pub use live::position_gradients::PositionGradient;
 pub use live::published::{Live, Revisioned};
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
+pub use reconstructions::networks::{KnownNetwork, NetworkFit, Networks, weights_beside};
 pub use reconstructions::queue::{
     Reconstruction, ReconstructionKey, ReconstructionRequest, Reconstructions, SeenRegion, SetQuality,
 };
@@ -51,3 +53,4 @@ pub use session::Session;
 pub use session::snapshots::{
     Bits, FileChange, FoundSnapshots, LiveResults, Snapshot, SnapshotNumbers, SnapshotReconstruction, Snapshots,
 };
+pub use trainings::queue::{LossPoint, Training, TrainingOrder, TrainingScope, TrainingStatus, Trainings};

@@ -4,6 +4,7 @@ pub mod estimates;
 pub mod reconstructions;
 pub mod run_preview;
 pub mod snapshots;
+pub mod trainings;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,6 +26,7 @@ use crate::workbench::live::published::{Live, Wanted};
 use crate::workbench::reconstructions::reconstructor::Reconstructor;
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
+use crate::workbench::trainings::trainer::Trainer;
 
 /// The open design with its revision, its history, its file, the worker that evaluates it, and the run that optimizes it.
 ///
@@ -40,7 +42,7 @@ pub struct Session {
     pub(crate) contents: u64,
     saved_contents: u64,
     /// Number of the document. New and Open change it, even while jobs of the last document are still running.
-    document: u64,
+    pub(crate) document: u64,
     /// Number of the open design's lenslets; like the number of its contents, it comes back with an undo.
     pub(crate) lenslets: u64,
     pub(crate) history: History,
@@ -51,6 +53,7 @@ pub struct Session {
     pub(crate) worker: Worker,
     pub(crate) reconstructor: Reconstructor,
     pub(crate) capturer: Capturer,
+    pub(crate) trainer: Trainer,
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
@@ -72,9 +75,10 @@ impl Session {
         let wake: Wake = Arc::new(wake);
         let (threads, activities) = (Threads::default(), Activities::default());
         let worker = Worker::start(Arc::clone(&wake), &threads, activities.clone())?;
+        let trainer = Trainer::start(Arc::clone(&wake), threads.clone(), activities.clone())?;
         let design = Arc::new(design);
         worker.evaluate(Wanted { revision: 1, design: Arc::clone(&design), before: None });
-        Ok(Self {
+        let session = Self {
             design,
             open: None,
             revision: 1,
@@ -86,6 +90,7 @@ impl Session {
             path,
             worker,
             reconstructor: Reconstructor::start(Arc::clone(&wake), threads.clone())?,
+            trainer,
             capturer: Capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
             wake,
@@ -94,7 +99,9 @@ impl Session {
             watched: RunPreview::default(),
             autosave: None,
             earlier_autosave: None,
-        })
+        };
+        session.find_network();
+        Ok(session)
     }
 
     /// The design on view: the open design, or the mask of the run that is [previewed](Session::preview).
@@ -155,7 +162,7 @@ impl Session {
         self.activities.all()
     }
 
-    /// Estimates, captures and runs that ended since the last call, oldest first.
+    /// Estimates, captures, runs and trainings that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         self.activities.take_ended()
     }
@@ -168,6 +175,7 @@ impl Session {
             ActivityKind::Estimate => self.worker.estimator().cancel_numbered(activity.number),
             ActivityKind::Capture => self.stop_capture(),
             ActivityKind::Run => self.stop_run(),
+            ActivityKind::Training => self.stop_training(),
         }
     }
 
@@ -269,6 +277,7 @@ impl Session {
         (self.contents, self.lenslets) = (self.revision, self.revision);
         self.saved_contents = self.contents;
         self.path = path;
+        self.find_network();
     }
 
     /// Opens a document that is not saved in a file yet.
@@ -350,7 +359,8 @@ impl Session {
     /// Saves the open design as it is now.
     pub fn save_to(&self, path: PathBuf) {
         let (design, document, contents) = (Arc::clone(self.open_design()), self.document, self.contents);
-        self.submit(Job::SaveDesign { design, document, contents, path });
+        let network = self.network_to_save();
+        self.submit(Job::SaveDesign { design, document, contents, network, path });
     }
 
     /// Whether a design is being saved, or waits to be saved. Once this is false, the outcome can be taken.
@@ -406,7 +416,18 @@ impl Session {
                     self.open(Design::clone(design), path.clone());
                     None
                 }
-                Ok(Outcome::Saved { document, contents, path }) => {
+                Ok(Outcome::NetworkOpened { network, document, path }) => {
+                    self.add_network(network, *document, path);
+                    None
+                }
+                Ok(Outcome::NetworkExported { network, path }) => {
+                    self.trainer.note_file(network, path);
+                    None
+                }
+                Ok(Outcome::Saved { document, contents, network, path }) => {
+                    if let Some(Ok((network, weights))) = network {
+                        self.trainer.note_file(network, weights);
+                    }
                     if *document == self.document {
                         self.saved_contents = *contents;
                         self.path = Some(path.clone());

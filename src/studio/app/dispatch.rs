@@ -7,7 +7,7 @@ use crate::studio::state::dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_dialog::PathPurpose;
-use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting};
+use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting, TrainingRequest};
 use crate::studio::state::transition::Transition;
 use crate::studio::state::window_layout::LayoutRequest;
 use crate::workbench::{Recovered, Session};
@@ -40,6 +40,7 @@ fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::OpenObjects(source) => state.session.open_objects(source),
         Request::ImportPsf(path) => state.session.import_psf(path, None),
         Request::Run(request) => serve_run(request, state),
+        Request::Training(request) => serve_training(request, state),
         Request::Estimates(request) => serve_estimates(request, state),
         Request::Inspect => state.inspect(),
         Request::Reconstruct => {
@@ -84,6 +85,17 @@ pub fn serve_run(request: RunRequest, state: &mut State) {
             let compared = state.session.compare_result();
             state.report(compared);
         }
+    }
+}
+
+fn serve_training(request: TrainingRequest, state: &mut State) {
+    match request {
+        TrainingRequest::Start(scope, budget) => {
+            let started = state.session.train(scope, budget);
+            state.report(started);
+        }
+        TrainingRequest::Pause(pause) => state.session.pause_training(pause),
+        TrainingRequest::Stop => state.session.stop_training(),
     }
 }
 

@@ -35,6 +35,8 @@ impl State {
             PathPurpose::KeepUnsaved => {
                 return self.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
             }
+            PathPurpose::OpenWeights => return self.session.open_network(path),
+            PathPurpose::ExportWeights(network) => Job::ExportNetwork { network, path },
             PathPurpose::ExportMeasurements => return self.export_measurements(path, question.format),
             PathPurpose::ExportDesign => Job::ExportDesign { design: self.session.design().clone(), folder: path },
             PathPurpose::ExportView { image, limits, colormap, .. } => {

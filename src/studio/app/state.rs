@@ -18,7 +18,8 @@ use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::workbench::{
     CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults,
-    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, bounds_command, reproduce_command,
+    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, Trainings, bounds_command,
+    reproduce_command,
 };
 
 /// Time between two reconstructions while the masks of a run are shown as they come.
@@ -43,6 +44,8 @@ pub struct State {
     pub estimates: Estimates,
     /// Reconstructions as of this frame.
     pub reconstructions: Reconstructions,
+    /// The training of a network, and the trained networks, as of this frame.
+    pub trainings: Trainings,
     /// The newest capture of a camera as of this frame.
     capture: Option<CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -102,6 +105,7 @@ impl State {
             live,
             estimates,
             reconstructions: Reconstructions::default(),
+            trainings: Trainings::default(),
             capture: None,
             run: None,
             inspected: None,
@@ -142,6 +146,7 @@ impl State {
             live: &self.live,
             estimates: &self.estimates,
             reconstructions: &self.reconstructions,
+            trainings: &self.trainings,
             capture: self.capture.as_ref(),
             run: self.run.as_ref(),
             inspected: self.inspected,
@@ -164,6 +169,7 @@ impl State {
         self.live = self.session.live();
         self.estimates = self.session.estimates();
         self.reconstructions = self.session.reconstructions();
+        self.trainings = self.session.trainings();
         self.capture = self.session.capture();
         // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == self.session.revision() && !self.session.is_previewing();
@@ -206,7 +212,8 @@ impl State {
         let measurements = view.current_measurements()?;
         let optics = view.live.optics.as_ref().filter(|optics| view.is_current(optics.revision))?;
         let scene = view.live.scene.as_ref().filter(|scene| scene.value.serves(view.design))?;
-        let key = panels.samples.reconstruction_key(view.revision);
+        let networks = &view.trainings.networks;
+        let key = panels.samples.reconstruction_key(view.revision, networks);
         let is_live = view.is_live && !view.is_live_paused();
         let test_objects = if is_live { TEST_OBJECTS } else { 0 };
         let with_deviation = panels.samples.reconstruction.wanted() == ShownQuantity::Uncertainty;
@@ -227,6 +234,7 @@ impl State {
             measurements: Arc::clone(&measurements.value),
             test_objects,
             with_deviation,
+            networks: networks.clone(),
         };
         self.reconstructed = Some(AskedReconstruction { key, test_objects, with_deviation, at: Instant::now() });
         self.session.reconstruct(request);

@@ -465,19 +465,21 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
                 state.messages.push(Severity::Failure, sentence);
             }
         }
-        Ok(Outcome::RecordKept { .. }) | Err(_) => {}
+        Ok(Outcome::RecordKept { .. } | Outcome::NetworkOpened { .. } | Outcome::NetworkExported { .. }) | Err(_) => {}
     }
     if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
         // A later success makes the failure message obsolete.
         state.messages.dismiss();
     }
     match outcome {
+        Ok(Outcome::Saved { network: Some(Err(sentence)), .. }) | Err(sentence) => {
+            state.messages.push(Severity::Failure, sentence);
+        }
         Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),
-        Err(error) => state.messages.push(Severity::Failure, error),
     }
 }
 
-/// Reports the end of an estimate or a run.
+/// Reports the end of an estimate, a run or a training.
 fn report_end(state: &mut State, activity: &Activity) {
     match &activity.state {
         ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),

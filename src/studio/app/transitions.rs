@@ -88,7 +88,11 @@ impl State {
             (_, true) => Some("Estimates are running. They are saved and resume in the next window."),
             (_, false) => Some("An estimate is running. Its progress would be lost."),
         };
-        let sentences: Vec<&str> = run.into_iter().chain(why.as_deref()).chain(estimate).collect();
+        let training = is_open(ActivityKind::Training).then_some("A network is training. Stop it to keep its weights.");
+        let network = self.session.has_unsaved_network();
+        let network = network.then_some("A trained network is in no file. Save the design or export the weights.");
+        let sentences = run.into_iter().chain(why.as_deref()).chain(estimate).chain(training).chain(network);
+        let sentences: Vec<&str> = sentences.collect();
         (!sentences.is_empty()).then(|| sentences.join(" "))
     }
 }

@@ -1,5 +1,7 @@
 //! What a decoder makes of the shown measurement, its error and its uncertainty, and how good it is.
 
+use std::sync::Arc;
+
 use egui::{RichText, Ui};
 use serde_json::json;
 
@@ -9,31 +11,47 @@ use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
 use crate::studio::canvas::overlays::PixelRegion;
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
-use crate::studio::panels::parts::linked_cursor;
+use crate::studio::panels::parts::{linked_cursor, training};
+use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::reconstruction::{ReconstructionState, ShownQuantity, TEST_OBJECTS};
 use crate::studio::state::request::Request;
 use crate::studio::state::samples::{SamplesState, Side};
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::studio::widgets::format::format_significant;
-use crate::workbench::{Reconstruction, ReconstructionKey, SeenRegion, SetQuality, reconstruct_command};
+use crate::workbench::{NetworkFit, Reconstruction, ReconstructionKey, SeenRegion, SetQuality, reconstruct_command};
 
 /// Size of the numbers, points.
 const NUMBERS: f32 = 12.5;
 
+/// Message where a network is in no file.
+const NO_FILE: &str = "the weights of this network are in no file; save the design or export the weights first";
+
 /// Shows the panel.
 pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: &mut Vec<Request>) {
     requests.push(Request::Reconstruct);
-    let key = samples.reconstruction_key(view.revision);
+    let key = samples.reconstruction_key(view.revision, &view.trainings.networks);
     let shown = view.reconstructions.shown.as_deref();
     toolbar(ui, |ui| {
         method(ui, &mut samples.reconstruction.decoder);
         samples.reconstruction.view_mut().colour_controls(ui, view.palettes);
         switches(ui, &mut samples.reconstruction, shown);
+        if key.decoder == DecoderKind::Network {
+            training::switch(ui, &mut samples.reconstruction.training, shown, view);
+        }
         more(ui, key, view, requests);
     });
+    if key.decoder == DecoderKind::Network {
+        let is_current = shown.is_some_and(|shown| shown.key.has_decoder_of(&key));
+        training::show(ui, &mut samples.reconstruction.training, shown, is_current, view, requests);
+    }
+    let has_curves = key.decoder == DecoderKind::Network && samples.reconstruction.training.curves;
     if let Some((_, failure)) = view.reconstructions.failure.as_ref().filter(|(failed, _)| *failed == key) {
         ui.colored_label(ui.visuals().error_fg_color, failure);
+        return;
+    }
+    if has_curves {
+        training::curves(ui, &mut samples.reconstruction.training, shown, view);
         return;
     }
     let Some(reconstruction) = shown else {
@@ -66,8 +84,8 @@ fn method(ui: &mut Ui, decoder: &mut DecoderKind) {
         .selected_text(decoder.name())
         .width(118.0_f32.min(ui.max_rect().width() - 8.0))
         .show_ui(ui, |ui| {
-            // Networks are trained by the command line.
-            for kind in DecoderKind::ALL.into_iter().filter(|kind| !kind.needs().training) {
+            // The published U-net is trained by the command line.
+            for kind in DecoderKind::ALL.into_iter().filter(|kind| *kind != DecoderKind::Unet) {
                 ui.selectable_value(decoder, kind, kind.name());
             }
         })
@@ -99,10 +117,10 @@ fn switches(ui: &mut Ui, state: &mut ReconstructionState, shown: Option<&Reconst
     state.follow(has_deviation);
 }
 
-/// Menu that copies the numbers or the command that reproduces them.
+/// Menu that copies the numbers or the command that reproduces them, and opens and exports weights.
 fn more(ui: &mut Ui, key: ReconstructionKey, view: &View<'_>, requests: &mut Vec<Request>) {
     let shown = view.reconstructions.shown.as_deref().filter(|shown| shown.key == key);
-    let set = view.reconstructions.set_of(key.revision, key.decoder);
+    let set = view.reconstructions.set_of(key);
     let menu = ui.menu_button("...", |ui| {
         if ui.add_enabled(shown.is_some(), egui::Button::new("Copy as JSON")).clicked() {
             let text = shown.map(|shown| numbers_json(shown, set, view));
@@ -111,12 +129,43 @@ fn more(ui: &mut Ui, key: ReconstructionKey, view: &View<'_>, requests: &mut Vec
         }
         if ui.button("Copy command line").clicked() {
             let test_objects = set.map_or(TEST_OBJECTS, |set| set.quality.test_objects);
-            requests.push(Request::CopyCommand(reconstruct_command(view.design, key.decoder, test_objects)));
+            requests.push(Request::CopyCommand(command(shown, key, view, test_objects)));
             ui.close();
+        }
+        if key.decoder == DecoderKind::Network {
+            ui.separator();
+            if ui.button("Open weights...").clicked() {
+                requests.push(Request::AskPath(PathPurpose::OpenWeights));
+                ui.close();
+            }
+            let network = shown.and_then(|shown| match &shown.network {
+                Some(NetworkFit::Current(network)) => Some(Arc::clone(network)),
+                _ => None,
+            });
+            if ui.add_enabled(network.is_some(), egui::Button::new("Export weights...")).clicked() {
+                requests.extend(network.map(|network| Request::AskPath(PathPurpose::ExportWeights(network))));
+                ui.close();
+            }
         }
     });
     let hint = "Copies the numbers, or the command that tests the method on this design";
     name_widget(&menu.response.on_hover_text(hint), "More of the reconstruction");
+}
+
+/// Command that tests what is shown.
+fn command(
+    shown: Option<&Reconstruction>,
+    key: ReconstructionKey,
+    view: &View<'_>,
+    test_objects: usize,
+) -> Result<String, String> {
+    let decoder = shown.map_or(key.decoder, Reconstruction::decoder);
+    let network = shown.and_then(|shown| shown.network.as_ref());
+    let weights = match network {
+        Some(NetworkFit::Current(network)) => Some(view.trainings.networks.file_of(network).ok_or(NO_FILE)?),
+        _ => None,
+    };
+    reconstruct_command(view.design, decoder, weights, test_objects)
 }
 
 /// Quality of the shown image, and of the test set.
@@ -132,7 +181,7 @@ fn numbers(ui: &mut Ui, reconstruction: &Reconstruction, is_current: bool, key: 
     let text = if reconstruction.iterations.is_some() { text.italics() } else { text };
     ui.label(text);
     let Some(set) = view.reconstructions.set.as_deref() else { return };
-    let is_current = (set.revision, set.quality.decoder) == (key.revision, key.decoder);
+    let is_current = set.key.has_decoder_of(&key);
     let text = RichText::new(set_line(set, is_current)).size(NUMBERS);
     let text = if is_current { text } else { text.weak() };
     let is_growing = is_current && set.quality.test_objects < set.planned;
@@ -177,12 +226,17 @@ fn numbers_json(shown: &Reconstruction, set: Option<&SetQuality>, view: &View<'_
     let image = shown.quality.map(
         |quality| json!({ "psnr_db": quality.psnr_db(), "ssim": quality.ssim, "mse": quality.mse, "r2": quality.r2 }),
     );
+    let network = match &shown.network {
+        Some(NetworkFit::Current(network)) => Some(network),
+        _ => None,
+    };
     let numbers = json!({
         "format": "lenslet-studio/reconstruction-numbers",
         "format_version": 1,
         "program_version": NUMBERS_VERSION,
         "design": &**view.design,
-        "decoder": shown.key.decoder,
+        "decoder": shown.decoder(),
+        "network": network.map(|network| &network.training),
         "sample": shown.key.sample + 1,
         "noisy": shown.key.noisy,
         "peak_photons": shown.peak_photons,

@@ -7,6 +7,7 @@ use std::sync::mpsc::Receiver;
 use ndarray::{Array2, Array3};
 
 use crate::formats::path_text;
+use crate::reconstruction::TrainedNetwork;
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
@@ -37,6 +38,10 @@ pub enum PathPurpose {
     ChooseCapture(CaptureFile),
     /// Uses an image as the PSF.
     ImportPsf,
+    /// Opens the weights of a network.
+    OpenWeights,
+    /// Writes the weights of a network.
+    ExportWeights(Arc<TrainedNetwork>),
     /// Stores unsaved changes in a folder.
     KeepUnsaved,
     /// Writes the PSF in all formats and the design.
@@ -93,6 +98,8 @@ impl PathPurpose {
             Self::ChooseCapture(CaptureFile::Psf) => "PSF of the capture".into(),
             Self::ExportCapture { .. } => "Export reconstruction".into(),
             Self::ImportPsf => "Import PSF".into(),
+            Self::OpenWeights => "Open weights".into(),
+            Self::ExportWeights(_) => "Export weights".into(),
             Self::KeepUnsaved => "Folder for unsaved changes".into(),
             Self::ExportDesign => "Export design".into(),
             Self::ExportMeasurements => "Export measurements".into(),
@@ -119,6 +126,8 @@ impl PathPurpose {
             Self::ExportCapture { .. } => {
                 "A folder for reconstructions.npy, reconstruction-1.png and measurement-1.png; it is created if missing"
             }
+            Self::OpenWeights => "A safetensors file of weights, also of `lenslet-studio reconstruct --out`",
+            Self::ExportWeights(_) => "A safetensors file that `lenslet-studio reconstruct --weights FILE` reads",
             Self::ImportPsf => "An image (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is created if missing"
@@ -146,7 +155,7 @@ impl PathPurpose {
     /// Label of the button that confirms.
     pub fn action(&self) -> &'static str {
         match self {
-            Self::OpenDesign | Self::OpenObjects => "Open",
+            Self::OpenDesign | Self::OpenObjects | Self::OpenWeights => "Open",
             Self::ChooseImages | Self::ChooseCapture(_) => "Choose",
             Self::ImportPsf => "Import",
             Self::SaveAs => "Save",
@@ -158,10 +167,14 @@ impl PathPurpose {
     /// Dialog of the system for such paths.
     pub fn picker(&self) -> Picker {
         match self {
-            Self::OpenDesign | Self::OpenObjects | Self::ChooseImages | Self::ChooseCapture(_) | Self::ImportPsf => {
-                Picker::Open
-            }
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::OpenWeights
+            | Self::ChooseImages
+            | Self::ChooseCapture(_)
+            | Self::ImportPsf => Picker::Open,
             Self::SaveAs
+            | Self::ExportWeights(_)
             | Self::ExportView { .. }
             | Self::ExportPanel { .. }
             | Self::ExportRecord(_)
@@ -179,8 +192,10 @@ impl PathPurpose {
             Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
             Self::ExportView { .. } | Self::ExportPanel { .. } => Some("png"),
             Self::ExportCurve { .. } => Some("csv"),
+            Self::ExportWeights(_) => Some("safetensors"),
             Self::OpenDesign
             | Self::OpenObjects
+            | Self::OpenWeights
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
@@ -197,6 +212,7 @@ impl PathPurpose {
         let name = match self {
             Self::OpenDesign
             | Self::OpenObjects
+            | Self::OpenWeights
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
@@ -210,6 +226,7 @@ impl PathPurpose {
             }
             Self::ExportRecord(_) => folder.join("run.json"),
             Self::ExportLive(_) => folder.join("live.json"),
+            Self::ExportWeights(_) => folder.join("network.safetensors"),
             Self::ExportCurve { name, .. } => folder.join(name),
         };
         name.strip_prefix(".").map_or(name.clone(), Path::to_path_buf).display().to_string()

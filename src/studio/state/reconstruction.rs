@@ -2,6 +2,7 @@
 
 use crate::reconstruction::DecoderKind;
 use crate::studio::canvas::image_view::ImageView;
+use crate::studio::state::training_form::TrainingForm;
 use crate::workbench::{Colormap, Reconstruction};
 
 use ndarray::ArrayView2;
@@ -13,6 +14,8 @@ pub const TEST_OBJECTS: usize = 64;
 pub struct ReconstructionState {
     /// The decoder.
     pub decoder: DecoderKind,
+    /// Form of a training.
+    pub training: TrainingForm,
     /// What is to be shown.
     wanted: ShownQuantity,
     /// What is shown.
@@ -38,6 +41,7 @@ impl Default for ReconstructionState {
     fn default() -> Self {
         Self {
             decoder: DecoderKind::default(),
+            training: TrainingForm::default(),
             wanted: ShownQuantity::Object,
             shown: ShownQuantity::Object,
             object: ImageView::new("Reconstruction", "photons", Colormap::Gray),

@@ -9,6 +9,7 @@ use crate::forward::Design;
 use crate::information::EngineChoice;
 use crate::objects::ObjectSource;
 use crate::optics::LensletArray;
+use crate::reconstruction::TrainingBudget;
 use crate::studio::state::action::Action;
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
@@ -16,7 +17,7 @@ use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
 use crate::studio::state::preferences::RendererChoice;
 use crate::studio::state::transition::Transition;
 use crate::studio::widgets::number_field::Edit;
-use crate::workbench::{Activity, CaptureOrder, Command, FinishedEstimate, Job, Recovered};
+use crate::workbench::{Activity, CaptureOrder, Command, FinishedEstimate, Job, Recovered, TrainingScope};
 
 /// A request of a panel or a dialog. It is served when that is drawn, in the same frame.
 pub enum Request {
@@ -44,6 +45,8 @@ pub enum Request {
     ImportPsf(PathBuf),
     /// Acts on the run.
     Run(RunRequest),
+    /// Acts on the training of a network.
+    Training(TrainingRequest),
     /// Acts on estimates.
     Estimates(EstimatesRequest),
     /// Inspects the shown measurement: spectrum, information map.
@@ -104,6 +107,16 @@ pub enum RunRequest {
     },
     /// Compares the best result with heuristic layouts.
     Compare,
+}
+
+/// A request about the training of a network.
+pub enum TrainingRequest {
+    /// Trains a network for the shown design.
+    Start(TrainingScope, TrainingBudget),
+    /// Pauses or resumes the training.
+    Pause(bool),
+    /// Stops the training.
+    Stop,
 }
 
 /// A request about estimates.

@@ -7,7 +7,7 @@ use crate::evaluation::{Measurements, Scene};
 use crate::sensor::field_offset;
 use crate::studio::canvas::image_view::ImageView;
 use crate::studio::state::reconstruction::ReconstructionState;
-use crate::workbench::{Colormap, InspectionKey, Live, ReconstructionKey};
+use crate::workbench::{Colormap, InspectionKey, Live, Networks, ReconstructionKey};
 
 /// State of the Object, Measurement and Reconstruction panels.
 pub struct SamplesState {
@@ -86,10 +86,11 @@ impl SamplesState {
         self.cursor.filter(|cursor| cursor.side != side && cursor.pass + 1 >= pass)
     }
 
-    /// Key of the reconstruction that belongs to the shown sample, for a design of this revision.
-    pub fn reconstruction_key(&self, revision: u64) -> ReconstructionKey {
-        let ShownSample { index, noisy } = self.shown;
-        ReconstructionKey { revision, sample: index, noisy, decoder: self.reconstruction.decoder }
+    /// Key of the reconstruction that belongs to the shown sample, for a design of this revision and by these networks.
+    pub fn reconstruction_key(&self, revision: u64, networks: &Networks) -> ReconstructionKey {
+        let (ShownSample { index, noisy }, decoder) = (self.shown, self.reconstruction.decoder);
+        let networks = if decoder.needs().training { networks.serial() } else { 0 };
+        ReconstructionKey { revision, sample: index, noisy, decoder, networks }
     }
 }
 

@@ -14,7 +14,7 @@ use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{
     CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord,
-    Reconstructions, Revisioned, RunStatus,
+    Reconstructions, Revisioned, RunStatus, Trainings,
 };
 
 /// What panels and dialogs read of the window, beside their own state. They change it by requests alone.
@@ -43,6 +43,8 @@ pub struct View<'a> {
     pub estimates: &'a Estimates,
     /// Reconstructions as of this frame.
     pub reconstructions: &'a Reconstructions,
+    /// The training of a network, and the trained networks, as of this frame.
+    pub trainings: &'a Trainings,
     /// The newest capture of a camera as of this frame.
     pub capture: Option<&'a CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -185,6 +187,7 @@ mod tests {
         live: Live,
         estimates: Estimates,
         reconstructions: Reconstructions,
+        trainings: Trainings,
         locks: Locks,
         preferences: Preferences,
         palettes: ColourPalettes,
@@ -206,6 +209,7 @@ mod tests {
                 live: &self.live,
                 estimates: &self.estimates,
                 reconstructions: &self.reconstructions,
+                trainings: &self.trainings,
                 capture: None,
                 run: None,
                 inspected: None,

@@ -27,6 +27,8 @@ pub enum ActivityKind {
     Capture,
     /// A run that optimizes the mask.
     Run,
+    /// The training of a network.
+    Training,
 }
 
 /// State of an activity.
@@ -161,7 +163,7 @@ impl Activities {
         lock(&self.0).entries.clone()
     }
 
-    /// Estimates, captures and runs that ended since the last call, oldest first.
+    /// Estimates, captures, runs and trainings that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         std::mem::take(&mut lock(&self.0).ended)
     }
@@ -176,7 +178,11 @@ impl Activities {
             let activity = Arc::make_mut(entry);
             activity.took = Some(activity.began.elapsed());
             activity.left = None;
-            if matches!(activity.kind, ActivityKind::Estimate | ActivityKind::Capture | ActivityKind::Run) {
+            let is_long = matches!(
+                activity.kind,
+                ActivityKind::Estimate | ActivityKind::Capture | ActivityKind::Run | ActivityKind::Training
+            );
+            if is_long {
                 ended.push(Arc::clone(entry));
             }
         }

@@ -45,6 +45,8 @@ pub(crate) enum Work {
     Reconstruction,
     /// A run that optimizes a mask.
     Run,
+    /// The training of a network.
+    Training,
 }
 
 impl Work {
@@ -55,6 +57,7 @@ impl Work {
             Self::Estimate => "estimate",
             Self::Reconstruction => "reconstruction",
             Self::Run => "run",
+            Self::Training => "training",
         }
     }
 
@@ -66,6 +69,7 @@ impl Work {
             Self::Estimate => 22,
             Self::Reconstruction => 19,
             Self::Run => 16,
+            Self::Training => 13,
         }
     }
 }
@@ -152,7 +156,7 @@ mod tests {
         if here != 0 {
             return eprintln!("not looked into: these tests give way to others themselves");
         }
-        let works = [Work::Computation, Work::Estimate, Work::Reconstruction, Work::Run];
+        let works = [Work::Computation, Work::Estimate, Work::Reconstruction, Work::Run, Work::Training];
         let mut nices = vec![here];
         nices.extend(works.map(|work| SpareCores::new(work, Threads::default()).run(nice).unwrap()));
         assert!(nices.is_sorted_by(|one, other| one < other), "{nices:?}");

@@ -36,27 +36,36 @@ pub fn estimate_command(design: &Design, request: &EstimateRequest) -> Result<St
     with_design("estimate", "--mask", design, &estimate_flags(request))
 }
 
-/// Command that tests a decoder on objects of a design.
+/// Command that tests a decoder on objects of a design, with the file of the weights of a trained one.
 ///
 /// # Errors
 /// As [`bounds_command`].
-pub fn reconstruct_command(design: &Design, decoder: DecoderKind, test_objects: usize) -> Result<String, String> {
+pub fn reconstruct_command(
+    design: &Design,
+    decoder: DecoderKind,
+    weights: Option<&Path>,
+    test_objects: usize,
+) -> Result<String, String> {
     let decoder = name_of(decoder);
-    with_design("reconstruct", "--mask", design, &format!("--decoder {decoder} --test {test_objects} --json"))
+    let weights = weights.map_or(String::new(), |path| format!(" --weights {}", absolute(path)));
+    with_design("reconstruct", "--mask", design, &format!("--decoder {decoder}{weights} --test {test_objects} --json"))
+}
+
+/// A path that means the same in every folder, quoted for a POSIX shell.
+fn absolute(path: &Path) -> String {
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    quoted(&path.display().to_string())
 }
 
 /// Command that reconstructs a capture; it writes into the folder `capture`.
 pub fn capture_command(CaptureOrder { files, decoder }: &CaptureOrder) -> String {
-    let file = |path: &Path| {
-        let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-        quoted(&path.display().to_string())
-    };
     let dark = match &files.dark {
         None => String::new(),
         Some(DarkLevel::Constant(level)) => format!(" --dark={level}"),
-        Some(DarkLevel::File(path)) => format!(" --dark {}", file(path)),
+        Some(DarkLevel::File(path)) => format!(" --dark {}", absolute(path)),
     };
-    let (measurement, psf, bin, decoder) = (file(&files.measurement), file(&files.psf), files.bin, name_of(*decoder));
+    let [measurement, psf] = [&files.measurement, &files.psf].map(|path| absolute(path));
+    let (bin, decoder) = (files.bin, name_of(*decoder));
     format!(
         "lenslet-studio reconstruct --measurement {measurement} --psf {psf}{dark} --bin {bin} --decoder {decoder} --out capture"
     )
@@ -214,7 +223,10 @@ mod tests {
         assert!(text.contains("--estimator bracket --patch 32x32 --budget 90s"), "{text}");
         let text = estimate_command(&design, &request(model.of_steps(700))).unwrap();
         assert!(text.contains("--steps 700") && !text.contains("--budget"), "{text}");
-        let text = reconstruct_command(&design, DecoderKind::TotalVariation, 64).unwrap();
+        let weights = Some(Path::new("/data/my net.safetensors"));
+        let text = reconstruct_command(&design, DecoderKind::Network, weights, 64).unwrap();
+        assert!(text.ends_with(" --decoder network --weights '/data/my net.safetensors' --test 64 --json"), "{text}");
+        let text = reconstruct_command(&design, DecoderKind::TotalVariation, None, 64).unwrap();
         assert!(text.starts_with("lenslet-studio reconstruct --mask heuristic:9 "), "{text}");
         assert!(text.ends_with(" --decoder tv --test 64 --json"), "{text}");
         design.objects = ObjectSource::Stack("here.npy".into());

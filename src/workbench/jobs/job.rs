@@ -7,16 +7,19 @@ use ndarray::{Array2, Array3, ArrayD, Axis};
 
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::formats::write_png_rgb;
-use crate::forward::Design;
-use crate::objects::ObjectSource;
+use crate::forward::{Design, ForwardModel};
+use crate::information::Protocol;
+use crate::objects::{ObjectSet, ObjectSource};
 use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
 use crate::progress::CancelToken;
+use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::reconstruction_files;
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::workbench::live::record::LiveRecord;
+use crate::workbench::reconstructions::networks::{read_network, weights_beside, write_network};
 use crate::workbench::runs::IdealRecord;
 
 /// A job that the window gives to the worker.
@@ -37,6 +40,24 @@ pub enum Job {
         document: u64,
         /// Number of its contents.
         contents: u64,
+        /// Its trained network, which is written beside it.
+        network: Option<Arc<TrainedNetwork>>,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Reads the weights of a network.
+    OpenNetwork {
+        /// The design and its objects, if they are open; weights that do not serve it are refused. `None` takes any.
+        serves: Option<(Arc<Design>, Option<Arc<ObjectSet>>)>,
+        /// Number of the document that it is for.
+        document: u64,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Writes the weights of a network.
+    ExportNetwork {
+        /// The network.
+        network: Arc<TrainedNetwork>,
         /// The file.
         path: PathBuf,
     },
@@ -162,6 +183,24 @@ pub enum Outcome {
         document: u64,
         /// Number of the contents that were written.
         contents: u64,
+        /// The trained network with its file, or the reason why it was not written.
+        network: Option<Result<(Arc<TrainedNetwork>, PathBuf), String>>,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The weights of a network were read.
+    NetworkOpened {
+        /// The network.
+        network: Arc<TrainedNetwork>,
+        /// Number of the document that was open at the request.
+        document: u64,
+        /// The file.
+        path: PathBuf,
+    },
+    /// The weights of a network were written.
+    NetworkExported {
+        /// The network.
+        network: Arc<TrainedNetwork>,
         /// The file.
         path: PathBuf,
     },
@@ -223,7 +262,12 @@ impl Outcome {
     pub fn sentence(&self) -> String {
         match self {
             Self::Opened { path, .. } => format!("Opened {}", path.display()),
+            Self::Saved { path, network: Some(Ok((_, weights))), .. } => {
+                format!("Saved {} and its network {}", path.display(), weights.display())
+            }
             Self::Saved { path, .. } => format!("Saved {}", path.display()),
+            Self::NetworkOpened { network, path, .. } => format!("Opened {}: {}", path.display(), network.summary()),
+            Self::NetworkExported { path, .. } => format!("Exported {}", path.display()),
             Self::ObjectsOpened { source, understood: Some(understood), .. } => {
                 format!("Opened {source}: {understood}")
             }
@@ -250,6 +294,8 @@ impl Job {
         match self {
             Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
             Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
+            Self::OpenNetwork { path, .. } => format!("Open {}", path.display()),
+            Self::ExportNetwork { path, .. } => format!("Export {}", path.display()),
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
@@ -277,9 +323,27 @@ impl Job {
                 let design = Box::new(Design::open(path).map_err(|error| error.to_string())?);
                 Ok(Outcome::Opened { design, replaces: *replaces, path: path.clone() })
             }
-            Self::SaveDesign { design, document, contents, path } => {
+            Self::SaveDesign { design, document, contents, network, path } => {
                 design.save(path).map_err(|error| error.to_string())?;
-                Ok(Outcome::Saved { document: *document, contents: *contents, path: path.clone() })
+                let write = |network: &Arc<TrainedNetwork>| {
+                    let weights = weights_beside(path);
+                    write_network(network, &weights)?;
+                    Ok((Arc::clone(network), weights))
+                };
+                let network = network.as_ref().map(write);
+                Ok(Outcome::Saved { document: *document, contents: *contents, network, path: path.clone() })
+            }
+            Self::OpenNetwork { serves, document, path } => {
+                let network = read_network(path)?;
+                if let Some((design, set)) = serves {
+                    check_network(&network, design, set.clone())
+                        .map_err(|error| format!("{}: {error}", path.display()))?;
+                }
+                Ok(Outcome::NetworkOpened { network: Arc::new(network), document: *document, path: path.clone() })
+            }
+            Self::ExportNetwork { network, path } => {
+                write_network(network, path)?;
+                Ok(Outcome::NetworkExported { network: Arc::clone(network), path: path.clone() })
             }
             Self::OpenObjects { design, document } => {
                 let scene = Scene::open(design, &mut CancelToken::new()).map_err(|error| error.to_string())?;
@@ -340,6 +404,20 @@ impl Job {
             }
         }
     }
+}
+
+/// Refuses a network of other objects or of another mask than those of a design.
+fn check_network(
+    network: &TrainedNetwork,
+    design: &Design,
+    set: Option<Arc<ObjectSet>>,
+) -> Result<(), ReconstructionError> {
+    let forward = match set {
+        Some(set) => ForwardModel::of_objects(design, set)?,
+        None => ForwardModel::open(design)?,
+    };
+    network.training.check_scene(&DecoderScene::new(&forward, Protocol::Default)?)?;
+    network.training.check_mask(&ImagingModel::of_design(design, &forward)?)
 }
 
 /// The first live measurement of a design, with noise, as the window shows it.

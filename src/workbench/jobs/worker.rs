@@ -139,7 +139,9 @@ mod tests {
         assert_eq!(begun.recv().unwrap(), 3);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("design.json");
-        worker.submit(Job::SaveDesign { design: Arc::clone(&design), document: 1, contents: 1, path: path.clone() });
+        let (design_of_job, path_of_job) = (Arc::clone(&design), path.clone());
+        let job = Job::SaveDesign { design: design_of_job, document: 1, contents: 1, network: None, path: path_of_job };
+        worker.submit(job);
         assert!(worker.has_open_jobs());
         go_on.send(()).unwrap();
         drop(worker);

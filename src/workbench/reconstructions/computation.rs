@@ -12,10 +12,11 @@ use crate::information::Protocol;
 use crate::objects::ObjectSet;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderQuality, DecoderScene, ImageQuality, ImagingModel, PreparedDecoder, Prior, ReconstructionError,
-    ReconstructionStep, TestScores,
+    Decoder, DecoderKind, DecoderQuality, DecoderScene, ImageQuality, ImagingModel, NetworkDecoder, PreparedDecoder,
+    Prior, ReconstructionError, ReconstructionStep, TestScores,
 };
 use crate::workbench::background::mailbox::{Computation, Mailbox};
+use crate::workbench::reconstructions::networks::NetworkFit;
 use crate::workbench::reconstructions::queue::{
     Reconstruction, ReconstructionKey, ReconstructionQueue, ReconstructionRequest, SeenRegion, SetQuality,
 };
@@ -37,6 +38,8 @@ struct Ready {
     key: ReconstructionKey,
     scene: DecoderScene,
     model: ImagingModel,
+    /// Which network serves the design, where the decoder is one.
+    network: Option<NetworkFit>,
     decoder: Box<dyn PreparedDecoder>,
     scores: TestScores,
     seconds: f64,
@@ -64,8 +67,7 @@ impl ReconstructionComputation {
         mailbox: &Mailbox<ReconstructionQueue>,
     ) -> Result<(), ReconstructionError> {
         let key = request.key;
-        let known =
-            self.ready.take().filter(|ready| (ready.key.revision, ready.key.decoder) == (key.revision, key.decoder));
+        let known = self.ready.take().filter(|ready| ready.key.has_decoder_of(&key));
         let ready = match known {
             Some(ready) => ready,
             None => self.prepare(request, cancel)?,
@@ -89,7 +91,7 @@ impl ReconstructionComputation {
                 done => done?,
             }
             let quality = ready.so_far(request.design.seed)?;
-            let set = SetQuality { revision: key.revision, quality, planned: request.test_objects };
+            let set = SetQuality { key, quality, planned: request.test_objects };
             mailbox.publish(|queue| queue.publish_set(set));
         }
         Ok(())
@@ -101,11 +103,19 @@ impl ReconstructionComputation {
         let scene = DecoderScene::new(&forward, Protocol::Default)?;
         let model = scene.model(optics.psf.slice(ndarray::s![..1, .., ..]))?;
         let prior = if key.decoder.needs().objects { Some(self.prior(&scene, cancel)?) } else { None };
+        let network = (key.decoder == DecoderKind::Network).then(|| request.networks.fit(&scene, &model));
         let began = Instant::now();
-        let decoder = key.decoder.decoder(prior, None)?.prepare(&model, cancel)?;
+        let decoder: Box<dyn Decoder> = match (&network, prior) {
+            (Some(NetworkFit::Current(network)), Some(prior)) => {
+                Box::new(NetworkDecoder::new(Arc::clone(network), &scene, prior)?)
+            }
+            (Some(_), prior) => DecoderKind::Linear.decoder(prior, None)?,
+            (None, prior) => key.decoder.decoder(prior, None)?,
+        };
+        let decoder = decoder.prepare(&model, cancel)?;
         let seconds = began.elapsed().as_secs_f64();
         let scores = TestScores::new(&scene);
-        Ok(Ready { key: *key, scene, model, decoder, scores, seconds })
+        Ok(Ready { key: *key, scene, model, network, decoder, scores, seconds })
     }
 
     /// The prior of the objects, learned once for each set.
@@ -145,6 +155,7 @@ impl Ready {
                 peak_photons,
                 quality,
                 standard_deviation: None,
+                network: self.network.clone(),
             }
         };
         let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
@@ -191,6 +202,7 @@ impl Ready {
 
     /// Quality on the part of the test set that is done.
     fn so_far(&self, seed: u64) -> Result<DecoderQuality, ReconstructionError> {
-        self.scores.summary(self.key.decoder, self.scene.protocol, seed, self.seconds)
+        let decoder = self.network.as_ref().map_or(self.key.decoder, NetworkFit::decoder);
+        self.scores.summary(decoder, self.scene.protocol, seed, self.seconds)
     }
 }

@@ -9,6 +9,7 @@ use crate::forward::Design;
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderKind, DecoderQuality, ImageQuality};
 use crate::workbench::background::mailbox::Queue;
+use crate::workbench::reconstructions::networks::{NetworkFit, Networks};
 
 /// Identifies a reconstruction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +22,15 @@ pub struct ReconstructionKey {
     pub noisy: bool,
     /// The decoder.
     pub decoder: DecoderKind,
+    /// Number of the networks that it chooses from; 0 for decoders without training.
+    pub networks: u64,
+}
+
+impl ReconstructionKey {
+    /// Whether the other one is by the same decoder for the same design.
+    pub fn has_decoder_of(&self, other: &Self) -> bool {
+        (self.revision, self.decoder, self.networks) == (other.revision, other.decoder, other.networks)
+    }
 }
 
 /// Request for the reconstruction of a measurement.
@@ -40,6 +50,8 @@ pub struct ReconstructionRequest {
     pub test_objects: usize,
     /// Whether the posterior standard deviation is wanted, which takes longer than the image.
     pub with_deviation: bool,
+    /// Trained networks.
+    pub networks: Networks,
 }
 
 impl ReconstructionRequest {
@@ -91,13 +103,22 @@ pub struct Reconstruction {
     pub quality: Option<ImageQuality>,
     /// Posterior standard deviation, shape (rows, cols), photons per pixel, where the decoder has one.
     pub standard_deviation: Option<Arc<Array2<f32>>>,
+    /// Which network serves the design, where the decoder is one. Without, the object is the linear estimate.
+    pub network: Option<NetworkFit>,
+}
+
+impl Reconstruction {
+    /// The decoder of the object: the linear one where no network serves the design.
+    pub fn decoder(&self) -> DecoderKind {
+        self.network.as_ref().map_or(self.key.decoder, NetworkFit::decoder)
+    }
 }
 
 /// Quality of a decoder on the part of the test set that is done.
 #[derive(Clone, Debug)]
 pub struct SetQuality {
-    /// Revision of the design.
-    pub revision: u64,
+    /// Key of a reconstruction of the design.
+    pub key: ReconstructionKey,
     /// Mean quality with intervals.
     pub quality: DecoderQuality,
     /// Objects of the whole test set.
@@ -116,10 +137,9 @@ pub struct Reconstructions {
 }
 
 impl Reconstructions {
-    /// Quality on a test set of a design of this revision by a decoder.
-    pub fn set_of(&self, revision: u64, decoder: DecoderKind) -> Option<&SetQuality> {
-        let set = self.set.as_deref()?;
-        (set.revision == revision && set.quality.decoder == decoder).then_some(set)
+    /// Quality on a test set by the decoder of this key.
+    pub fn set_of(&self, key: ReconstructionKey) -> Option<&SetQuality> {
+        self.set.as_deref().filter(|set| set.key.has_decoder_of(&key))
     }
 }
 
@@ -238,8 +258,18 @@ mod tests {
         let optics = Arc::new(Optics::of(&design, 1).unwrap());
         let tables = crate::evaluation::scene::SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(tables.measure(&design, &optics, &scene).unwrap());
-        let key = ReconstructionKey { revision, sample, noisy: true, decoder: DecoderKind::Linear };
-        ReconstructionRequest { key, design, scene, optics, measurements, test_objects: 0, with_deviation: false }
+        let key = ReconstructionKey { revision, sample, noisy: true, decoder: DecoderKind::Linear, networks: 0 };
+        let networks = Networks::default();
+        ReconstructionRequest {
+            key,
+            design,
+            scene,
+            optics,
+            measurements,
+            test_objects: 0,
+            with_deviation: false,
+            networks,
+        }
     }
 
     fn image(key: ReconstructionKey) -> Reconstruction {
@@ -256,6 +286,7 @@ mod tests {
             peak_photons: 1.0,
             quality: None,
             standard_deviation: None,
+            network: None,
         }
     }
 

@@ -54,6 +54,7 @@ mod tests {
     use crate::progress::CancelToken;
     use crate::reconstruction::{DecoderKind, DecoderScene, DecoderTest, ReconstructionError};
     use crate::workbench::background::threads::lock;
+    use crate::workbench::reconstructions::networks::Networks;
     use crate::workbench::reconstructions::queue::ReconstructionKey;
 
     fn request(design: Design, decoder: DecoderKind, test_objects: usize) -> ReconstructionRequest {
@@ -62,8 +63,18 @@ mod tests {
         let optics = Arc::new(Optics::of(&design, scene.set.planes()).unwrap());
         let tables = SceneTables::new(&scene, design.encoder.grid()).unwrap();
         let measurements = Arc::new(tables.measure(&design, &optics, &scene).unwrap());
-        let key = ReconstructionKey { revision: 1, sample: 2, noisy: true, decoder };
-        ReconstructionRequest { key, design, scene, optics, measurements, test_objects, with_deviation: false }
+        let key = ReconstructionKey { revision: 1, sample: 2, noisy: true, decoder, networks: 0 };
+        let networks = Networks::default();
+        ReconstructionRequest {
+            key,
+            design,
+            scene,
+            optics,
+            measurements,
+            test_objects,
+            with_deviation: false,
+            networks,
+        }
     }
 
     /// Results of a request, once it is done.

@@ -91,7 +91,7 @@ fn value_of_other(
             Some(value.unwrap_or_else(|| "outside the field of view".into()))
         }
         Side::Reconstruction => {
-            let key = samples.reconstruction_key(view.revision);
+            let key = samples.reconstruction_key(view.revision, &view.trainings.networks);
             let shown = view.reconstructions.shown.as_ref().filter(|shown| shown.key == key)?;
             let values = samples.reconstruction.values_of(shown);
             samples.reconstruction.view().describe_pixel(values.view(), place)

@@ -14,4 +14,5 @@ pub mod run_results;
 pub mod severity_colour;
 pub mod spectrum_plot;
 pub mod tamura_gauge;
+pub mod training;
 pub mod trajectories;

@@ -15,11 +15,11 @@ fn wanted(revision: u64, objects: &str) -> Wanted {
 }
 
 fn save(contents: u64) -> Job {
-    Job::SaveDesign { design: Arc::default(), document: 1, contents, path: "a.json".into() }
+    Job::SaveDesign { design: Arc::default(), document: 1, contents, network: None, path: "a.json".into() }
 }
 
 fn saved(contents: u64) -> Outcome {
-    Outcome::Saved { document: 1, contents, path: "a.json".into() }
+    Outcome::Saved { document: 1, contents, network: None, path: "a.json".into() }
 }
 
 fn snapshot() -> Job {

@@ -123,7 +123,7 @@ impl SnapshotNumbers {
     /// Updates the numbers of the open design, of this revision.
     pub(crate) fn take_up(&mut self, (design, revision): (&Arc<Design>, u64), results: LiveResults<'_>) {
         let LiveResults { live, estimates, reconstructions } = results;
-        if let Some(set) = reconstructions.set.as_ref().filter(|set| set.revision == revision) {
+        if let Some(set) = reconstructions.set.as_ref().filter(|set| set.key.revision == revision) {
             self.note_reconstruction(SnapshotReconstruction::of(set));
         }
         if let Some(measurements) = live.measurements.as_ref().filter(|measured| measured.revision == revision) {

@@ -86,7 +86,7 @@ mod tests {
     use crate::reconstruction::DecoderQuality;
     use crate::workbench::estimates::queue::Estimates;
     use crate::workbench::live::published::Live;
-    use crate::workbench::reconstructions::queue::{Reconstructions, SetQuality};
+    use crate::workbench::reconstructions::queue::{ReconstructionKey, Reconstructions, SetQuality};
     use crate::workbench::session::snapshots::LiveResults;
 
     fn quality(decoder: DecoderKind, psnr_db: f64, test_objects: usize) -> DecoderQuality {
@@ -125,7 +125,8 @@ mod tests {
         let mut snapshots = Snapshots::default();
         let nothing = (Live::default(), Estimates::default());
         let of = |revision: u64, decoder: DecoderKind, psnr_db: f64, test_objects: usize| {
-            let set = SetQuality { revision, quality: quality(decoder, psnr_db, test_objects), planned: 64 };
+            let key = ReconstructionKey { revision, sample: 0, noisy: true, decoder, networks: 0 };
+            let set = SetQuality { key, quality: quality(decoder, psnr_db, test_objects), planned: 64 };
             Reconstructions { set: Some(Arc::new(set)), ..Reconstructions::default() }
         };
         let design = Arc::new(Design::default());

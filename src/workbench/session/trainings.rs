@@ -1,0 +1,82 @@
+//! Trained networks of a session: their training and their files.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::reconstruction::{TrainedNetwork, TrainingBudget};
+use crate::workbench::jobs::job::Job;
+use crate::workbench::reconstructions::networks::{KnownNetwork, NetworkFit, weights_beside};
+use crate::workbench::session::Session;
+use crate::workbench::trainings::queue::{TrainingOrder, TrainingScope, Trainings};
+
+/// Message where the objects are not read yet.
+const NO_OBJECTS: &str = "the objects of this design are not read yet; train when they are";
+
+impl Session {
+    /// Trains a network for the design on view. It owns a copy of the design.
+    ///
+    /// # Errors
+    /// One sentence where the objects are not read yet, and where a training is active.
+    pub fn train(&self, scope: TrainingScope, budget: TrainingBudget) -> Result<(), String> {
+        let scene = self.worker.live().scene.filter(|scene| scene.value.serves(&self.design));
+        let scene = Arc::clone(&scene.ok_or(NO_OBJECTS)?.value);
+        let (design, document) = (Arc::clone(&self.design), self.document);
+        self.trainer.order(TrainingOrder { design, scene, document, scope, budget })
+    }
+
+    /// Pauses or resumes the training.
+    pub fn pause_training(&self, pause: bool) {
+        self.trainer.pause(pause);
+    }
+
+    /// Stops the training. The best weights so far are kept.
+    pub fn stop_training(&self) {
+        self.trainer.stop();
+    }
+
+    /// The present or last training, and the trained networks.
+    pub fn trainings(&self) -> Trainings {
+        self.trainer.trainings()
+    }
+
+    /// Whether a trained network is in no file.
+    pub fn has_unsaved_network(&self) -> bool {
+        self.trainer.look(|all| all.networks.has_unsaved())
+    }
+
+    /// Reads a network from a file; it is refused where it does not serve the open design.
+    pub fn open_network(&self, path: PathBuf) {
+        let design = Arc::clone(self.open_design());
+        let scene = self.worker.live().scene.filter(|scene| scene.value.serves(&design));
+        let serves = Some((design, scene.map(|scene| Arc::clone(&scene.value.set))));
+        self.submit(Job::OpenNetwork { serves, document: self.document, path });
+    }
+
+    /// Reads the network that lies beside the file of the design, if there is one.
+    pub(crate) fn find_network(&self) {
+        let weights = self.path().map(weights_beside).filter(|weights| weights.is_file());
+        if let Some(path) = weights {
+            self.submit(Job::OpenNetwork { serves: None, document: self.document, path });
+        }
+    }
+
+    /// Adds a network that was read from a file.
+    pub(crate) fn add_network(&self, network: &Arc<TrainedNetwork>, document: u64, path: &Path) {
+        let known = KnownNetwork { network: Arc::clone(network), document, path: Some(path.to_path_buf()) };
+        self.trainer.add(known);
+    }
+
+    /// The network that is saved with the open design: the one that is known to serve it, or else the newest one of this document.
+    pub(crate) fn network_to_save(&self) -> Option<Arc<TrainedNetwork>> {
+        let shown = self
+            .reconstructor
+            .results()
+            .shown
+            .filter(|shown| shown.key.revision == self.revision && self.open.is_none());
+        if let Some(NetworkFit::Current(network)) = shown.and_then(|shown| shown.network.clone()) {
+            return Some(network);
+        }
+        let document = self.document;
+        self.trainer.look(|all| all.networks.of_document(document).cloned())
+    }
+}

@@ -1,0 +1,114 @@
+//! Orders, steps and ends of trainings, by plain calls.
+
+use super::*;
+use crate::information::Protocol;
+use crate::objects::{ObjectOptions, ObjectSet};
+use crate::reconstruction::{DecoderScene, Light, NetworkTraining, TrainingMasks};
+use crate::workbench::background::activity::ActivityState;
+
+fn queue() -> (TrainingQueue, Activities) {
+    let activities = Activities::default();
+    (TrainingQueue::new(activities.clone()), activities)
+}
+
+fn order() -> TrainingOrder {
+    let design = Arc::new(Design::default());
+    let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
+    TrainingOrder { design, scene, document: 4, scope: TrainingScope::ThisMask, budget: TrainingBudget::Steps(1000) }
+}
+
+/// A network of one step on a small field, which is hardly better than the linear estimate.
+fn network() -> Arc<TrainedNetwork> {
+    let design = Design::default();
+    let options = ObjectOptions { field: (40, 40), ..ObjectOptions::default() };
+    let set = Arc::new(ObjectSet::open(&design.objects, &options).unwrap());
+    let (light, noise, protocol) = (Light::Scene, design.noise, Protocol::Default);
+    let scene = DecoderScene { set, light, background: 10.0, noise, protocol };
+    let masks = TrainingMasks::One(scene.model(design.psf(1).unwrap().view()).unwrap());
+    let training = NetworkTraining { budget: TrainingBudget::Steps(1), seed: 1 };
+    let cancel = CancelToken::new();
+    let mut network = training.train(&scene, &masks, None, &cancel, &mut cancel.clone()).unwrap();
+    network.training.psnr_db = network.linear_psnr_db + 1.0;
+    Arc::new(network)
+}
+
+fn step(steps: usize, best: Option<&Arc<TrainedNetwork>>) -> TrainingStep {
+    TrainingStep {
+        steps,
+        done: steps as f64 / 1000.0,
+        seconds: steps as f64 / 10.0,
+        steps_per_second: 10.0,
+        loss: 0.01,
+        linear_loss: Some(0.02),
+        linear_psnr_db: Some(20.0),
+        validation: best.map(|_| TrainingPoint { steps, seconds: 1.0, psnr_db: 21.0 }),
+        restarts: 0,
+        best: best.cloned(),
+    }
+}
+
+#[test]
+fn training_goes_from_preparation_to_a_network_of_its_document() {
+    let (mut queue, activities) = queue();
+    queue.order(order()).unwrap();
+    assert_eq!(queue.order(order()).unwrap_err(), BUSY);
+    let task = queue.next(&CancelToken::new()).unwrap();
+    let newest = |queue: &TrainingQueue| queue.trainings().newest.clone().unwrap();
+    assert_eq!(newest(&queue).status, TrainingStatus::Preparing);
+    queue.note(&step(100, None));
+    let training = newest(&queue);
+    assert_eq!((training.status, training.left), (TrainingStatus::Running, Some(Duration::from_secs(90))));
+    assert_eq!(*training.losses, [LossPoint { steps: 100, network: 0.01, linear: 0.02 }]);
+    queue.pause(true);
+    assert!(queue.is_paused() && activities.all()[0].state == ActivityState::Paused);
+    queue.pause(false);
+    let network = network();
+    queue.end(task, Ok(TrainingEnd::Done(Arc::clone(&network))));
+    assert_eq!(newest(&queue).status, TrainingStatus::Done);
+    assert_eq!(activities.all()[0].state, ActivityState::Done(network.summary()));
+    let networks = &queue.trainings().networks;
+    assert!(Arc::ptr_eq(networks.of_document(4).unwrap(), &network) && networks.of_document(5).is_none());
+    assert!(networks.has_unsaved() && networks.serial() == 1);
+    queue.networks_mut().note_file(&network, std::path::Path::new("a.safetensors"));
+    assert!(!queue.trainings().networks.has_unsaved());
+}
+
+#[test]
+fn stop_ends_at_once_and_keeps_the_best_weights() {
+    let network = network();
+    for (best, kept) in [(None, false), (Some(&network), true)] {
+        let (mut queue, activities) = queue();
+        queue.order(order()).unwrap();
+        let cancel = CancelToken::new();
+        let task = queue.next(&cancel).unwrap();
+        queue.note(&step(100, best));
+        queue.stop();
+        assert!(cancel.is_cancelled());
+        assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Stopped);
+        assert_eq!(queue.trainings().networks.of_document(4).is_some(), kept);
+        // The next one is ordered before the thread has left the last step.
+        queue.order(order()).unwrap();
+        queue.end(task, Ok(TrainingEnd::Stopped));
+        assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Preparing);
+        assert_eq!(activities.all()[0].state, ActivityState::Stopped);
+        queue.stop();
+        assert!(queue.next(&CancelToken::new()).is_none(), "it was stopped before it began");
+        assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Stopped);
+    }
+}
+
+#[test]
+fn failure_is_a_sentence_and_long_curves_are_thinned_out() {
+    let (mut queue, activities) = queue();
+    queue.order(order()).unwrap();
+    let task = queue.next(&CancelToken::new()).unwrap();
+    for steps in 1..=3 * MOST_LOSSES {
+        queue.note(&step(steps, None));
+    }
+    let losses = Arc::clone(&queue.trainings().newest.as_ref().unwrap().losses);
+    assert!((MOST_LOSSES / 2..=MOST_LOSSES).contains(&losses.len()), "{}", losses.len());
+    assert!(losses.windows(2).all(|pair| pair[1].steps - pair[0].steps == 4));
+    queue.end(task, Err("no light".into()));
+    assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Failed("no light".into()));
+    assert_eq!(activities.all()[0].state, ActivityState::Failed("no light".into()));
+}
