@@ -134,9 +134,10 @@ impl NetworkArgs {
             return Ok(Networks { networks: vec![start.clone()], files: Vec::new() });
         }
         let budget = budget.unwrap_or(TrainingBudget::Seconds(BUDGET_SECONDS));
-        let masks = match self.any_mask {
-            true => TrainingMasks::any(encoder).map_err(anyhow::Error::from).context("--any-mask")?,
-            false => TrainingMasks::One(model.clone()),
+        let masks = if self.any_mask {
+            TrainingMasks::any(encoder).map_err(anyhow::Error::from).context("--any-mask")?
+        } else {
+            TrainingMasks::One(model.clone())
         };
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {

@@ -6,15 +6,18 @@ use std::sync::Arc;
 use egui::{Key, Modifiers, Role};
 use egui_kittest::kittest::Queryable;
 use lenslet_studio::formats::write_array;
-use lenslet_studio::forward::Design;
+use lenslet_studio::forward::{Design, ForwardModel};
+use lenslet_studio::information::Protocol;
 use lenslet_studio::objects::ObjectSource;
 use lenslet_studio::optics::{Encoder, Lenslet, LensletArray};
-use lenslet_studio::reconstruction::DecoderKind;
+use lenslet_studio::progress::CancelToken;
+use lenslet_studio::reconstruction::{DecoderKind, DecoderScene, NetworkTraining, TrainingBudget, TrainingMasks};
 use lenslet_studio::workbench::{NetworkFit, Reconstruction, Training, TrainingStatus, weights_beside};
 use ndarray::Array3;
 
 use super::waiting::wait_for;
-use super::{Window, answer, click, menu, open, settle, studio, type_number};
+use super::work::copied;
+use super::{Window, answer, click, close, menu, open, settle, studio, type_number};
 
 /// Small whole images of one bright bar each, which a linear estimate cannot know, before a small mask.
 fn small_design(folder: &Path) -> Design {
@@ -94,7 +97,7 @@ fn trained_network_is_used_at_once_stale_after_an_edit_and_current_after_its_und
     assert!(linear.decoder() == DecoderKind::Linear && shows(&window, "Not trained yet: the linear estimate is shown"));
     click(&mut window, "Train");
     window.get_by_label("Stop training");
-    window.get_by_label("Validation PSNR");
+    window.get_by_label("Training loss");
     wait_for(&mut window, "the end of the training", |window| !training(window).is_active());
     let end = training(&window);
     assert_eq!((&end.status, end.steps, end.validations.len()), (&TrainingStatus::Done, 60, 1));
@@ -104,15 +107,18 @@ fn trained_network_is_used_at_once_stale_after_an_edit_and_current_after_its_und
     assert!(network.quality.unwrap().psnr_db() > linear.quality.unwrap().psnr_db() + 1.0);
     assert!(shows(&window, "Network for this mask: "));
     click(&mut window, "Show training curves");
-    window.get_by_label("Validation PSNR");
-    click(&mut window, "Loss");
     window.get_by_label("Training loss");
+    click(&mut window, "PSNR");
+    window.get_by_label("Validation PSNR");
     click(&mut window, "Show training curves");
     window.get_by_role_and_label(Role::Image, "Reconstruction");
     edit(&mut window);
     assert!(is_stale(&shown(&mut window)) && shows(&window, "Stale, of another mask: linear estimate shown"));
     undo(&mut window);
     assert_eq!(shown(&mut window).object, network.object);
+    close(&mut window);
+    window.get_by_label("A trained network is in no file. Save the design or export the weights.");
+    click(&mut window, "Cancel");
     assert!(shows(&window, "Network for this mask: "));
 }
 
@@ -142,6 +148,9 @@ fn training_is_paused_edited_meanwhile_and_stopped_with_its_best_weights() {
     click(&mut window, "Pause training");
     assert_eq!(training(&window).status, TrainingStatus::Paused);
     assert!(shows(&window, "Paused at step"));
+    close(&mut window);
+    window.get_by_label("A network is training. Stop it to keep its weights.");
+    click(&mut window, "Cancel");
     edit(&mut window);
     assert_ne!(training(&window).order.design, *studio(&window).session().design(), "it has a copy");
     undo(&mut window);
@@ -169,6 +178,19 @@ fn weights_are_exported_opened_and_refused_for_another_mask() {
     let weights = folder.path().join("net.safetensors");
     answer(&mut window, &weights, "Export");
     assert!(weights.is_file());
+    click(&mut window, "More of the reconstruction");
+    let line = copied(&mut window, "Copy command line");
+    assert!(line.contains(&format!(" --decoder network --weights {} --test ", weights.display())), "{line}");
+    // Steps give the weights of the library.
+    let design = small_design(folder.path());
+    let forward = ForwardModel::open(&design).unwrap();
+    let scene = DecoderScene::new(&forward, Protocol::Default).unwrap();
+    let masks = TrainingMasks::One(scene.model(forward.psf(&design).unwrap().view()).unwrap());
+    let (order, cancel) = (NetworkTraining { budget: TrainingBudget::Steps(2), seed: design.seed }, CancelToken::new());
+    let expected = order.train(&scene, &masks, None, &cancel, &mut cancel.clone()).unwrap();
+    let NetworkFit::Current(network_of_window) = network.network.as_ref().unwrap() else { panic!("it is current") };
+    assert_eq!(network_of_window.training.psnr_db, expected.training.psnr_db);
+    assert_eq!(network_of_window.training.curve[0].psnr_db, expected.training.curve[0].psnr_db);
 
     let mut window = open(small_design(folder.path()));
     click(&mut window, "Reconstruction method");

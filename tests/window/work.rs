@@ -16,7 +16,7 @@ use super::waiting::{stop_run, wait_for, wait_for_stop};
 use super::*;
 
 /// Clicks and returns the text in the clipboard.
-fn copied(window: &mut Window, name: &str) -> String {
+pub fn copied(window: &mut Window, name: &str) -> String {
     if window.query_by_label(name).is_none() {
         click(window, "More of the numbers");
     }

@@ -11,6 +11,7 @@ use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
 use crate::studio::canvas::overlays::PixelRegion;
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
+use crate::studio::panels::parts::training_curves::Curves;
 use crate::studio::panels::parts::{linked_cursor, training};
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::reconstruction::{ReconstructionState, ShownQuantity, TEST_OBJECTS};
@@ -51,7 +52,7 @@ pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: 
         return;
     }
     if has_curves {
-        training::curves(ui, &mut samples.reconstruction.training, shown, view);
+        Curves::of(shown, view).show(ui, &mut samples.reconstruction.training);
         return;
     }
     let Some(reconstruction) = shown else {

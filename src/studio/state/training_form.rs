@@ -3,6 +3,15 @@
 use crate::reconstruction::TrainingBudget;
 use crate::workbench::TrainingScope;
 
+/// A curve of a training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TrainingCurve {
+    /// Loss of training objects.
+    Loss,
+    /// PSNR of validation objects.
+    Psnr,
+}
+
 /// The form of a training.
 pub struct TrainingForm {
     /// Masks of the network.
@@ -15,8 +24,8 @@ pub struct TrainingForm {
     pub steps: usize,
     /// Whether the curves of the training are shown in place of the image.
     pub curves: bool,
-    /// Whether that is the loss, where there is room for one curve.
-    pub loss: bool,
+    /// The curve that is shown where there is room for one.
+    pub curve: TrainingCurve,
     /// Whether a training was active in the last frame.
     was_active: bool,
 }
@@ -29,7 +38,7 @@ impl Default for TrainingForm {
             seconds: 60.0,
             steps: 500,
             curves: false,
-            loss: false,
+            curve: TrainingCurve::Loss,
             was_active: false,
         }
     }

@@ -292,10 +292,8 @@ impl Job {
     /// Name of the job, for people.
     pub fn name(&self) -> String {
         match self {
-            Self::OpenDesign { path, .. } => format!("Open {}", path.display()),
+            Self::OpenDesign { path, .. } | Self::OpenNetwork { path, .. } => format!("Open {}", path.display()),
             Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
-            Self::OpenNetwork { path, .. } => format!("Open {}", path.display()),
-            Self::ExportNetwork { path, .. } => format!("Export {}", path.display()),
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
@@ -307,6 +305,7 @@ impl Job {
             | Self::ExportImage { path, .. }
             | Self::ExportRecord { path, .. }
             | Self::ExportLive { path, .. }
+            | Self::ExportNetwork { path, .. }
             | Self::ExportCurve { path, .. } => {
                 format!("Export {}", path.display())
             }

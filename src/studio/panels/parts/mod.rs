@@ -15,4 +15,5 @@ pub mod severity_colour;
 pub mod spectrum_plot;
 pub mod tamura_gauge;
 pub mod training;
+pub mod training_curves;
 pub mod trajectories;

@@ -1,28 +1,19 @@
-//! The trained network of the Reconstruction panel: which one is used, its training, and the curves of that.
+//! The trained network of the Reconstruction panel: which one is used, and its training.
 
 use egui::{ComboBox, ProgressBar, RichText, Ui};
-use egui_plot::{HLine, Line, Plot, PlotPoints, Points};
 
 use crate::evaluation::format_duration;
-use crate::reconstruction::{NetworkMask, TrainedNetwork, TrainingPoint};
+use crate::reconstruction::{NetworkMask, TrainedNetwork};
+use crate::studio::panels::parts::training_curves::Curves;
 use crate::studio::state::request::{Request, TrainingRequest};
 use crate::studio::state::training_form::TrainingForm;
 use crate::studio::state::view::View;
-use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND};
 use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
-use crate::workbench::{LossPoint, NetworkFit, Reconstruction, Training, TrainingScope, TrainingStatus};
+use crate::workbench::{NetworkFit, Reconstruction, Training, TrainingScope, TrainingStatus};
 
 /// Size of the texts, points.
 const TEXT: f32 = 12.5;
-/// Least width of both curves beside each other, points.
-const BOTH_WIDTH: f32 = 480.0;
-/// Least height of both curves one above the other, points.
-const BOTH_HEIGHT: f32 = 300.0;
-/// Colour of the network.
-const NETWORK: egui::Color32 = DENSITY;
-/// Colour of the linear estimate.
-const LINEAR: egui::Color32 = ENTROPY_BOUND;
 
 /// Shows which network is used, and the training or the form of one.
 pub fn show(
@@ -71,11 +62,6 @@ pub fn switch(ui: &mut Ui, form: &mut TrainingForm, shown: Option<&Reconstructio
     let checkbox =
         checkbox.on_hover_text("Loss and PSNR of the training").on_disabled_hover_text("There is no training");
     name_widget(&checkbox, "Show training curves");
-}
-
-/// Draws the curves of the training.
-pub fn curves(ui: &mut Ui, form: &mut TrainingForm, shown: Option<&Reconstruction>, view: &View<'_>) {
-    Curves::of(shown, view).show(ui, form);
 }
 
 /// What is used, in a sentence of one line, and more about it.
@@ -182,96 +168,4 @@ fn progress(ui: &mut Ui, training: &Training, requests: &mut Vec<Request>) {
             requests.push(Request::Training(TrainingRequest::Stop));
         }
     });
-}
-
-/// Curves of a training.
-struct Curves<'a> {
-    losses: &'a [LossPoint],
-    validations: &'a [TrainingPoint],
-    linear_psnr_db: Option<f64>,
-}
-
-impl<'a> Curves<'a> {
-    /// Those of the last training of this session, or else those of the used network.
-    fn of(shown: Option<&'a Reconstruction>, view: &View<'a>) -> Self {
-        match (&view.trainings.newest, shown.and_then(|shown| shown.network.as_ref())) {
-            (Some(training), _) => Self {
-                losses: &training.losses,
-                validations: &training.validations,
-                linear_psnr_db: training.linear_psnr_db,
-            },
-            (None, Some(NetworkFit::Current(network))) => {
-                Self { losses: &[], validations: &network.training.curve, linear_psnr_db: Some(network.linear_psnr_db) }
-            }
-            _ => Self { losses: &[], validations: &[], linear_psnr_db: None },
-        }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.losses.is_empty() && self.validations.is_empty()
-    }
-
-    /// Draws both where there is room, beside each other or one above the other, and otherwise the chosen one.
-    fn show(&self, ui: &mut Ui, form: &mut TrainingForm) {
-        let room = ui.available_size();
-        let has_both = room.x >= BOTH_WIDTH || room.y >= BOTH_HEIGHT;
-        ui.horizontal(|ui| {
-            if !has_both {
-                ui.selectable_value(&mut form.loss, false, "PSNR");
-                ui.selectable_value(&mut form.loss, true, "Loss");
-            }
-            for (colour, name) in [(NETWORK, "network"), (LINEAR, "linear")] {
-                ui.colored_label(colour, RichText::new(format!("\u{25cf} {name}")).size(TEXT));
-            }
-        });
-        let room = ui.available_size();
-        if room.x >= BOTH_WIDTH {
-            ui.columns(2, |columns| {
-                self.psnr(&mut columns[0], room.y);
-                self.loss(&mut columns[1], room.y);
-            });
-        } else if has_both {
-            let height = 0.5 * (room.y - ui.spacing().item_spacing.y);
-            self.psnr(ui, height);
-            self.loss(ui, height);
-        } else if form.loss {
-            self.loss(ui, room.y);
-        } else {
-            self.psnr(ui, room.y);
-        }
-    }
-
-    fn loss(&self, ui: &mut Ui, height: f32) {
-        let points = |value: fn(&LossPoint) -> f64| -> PlotPoints<'static> {
-            self.losses.iter().map(|point| [point.steps as f64, value(point)]).collect()
-        };
-        let shown = plot("Training loss", "loss, peak\u{b2}", height).show(ui, |plot| {
-            plot.line(Line::new("linear", points(|point| point.linear)).color(LINEAR).width(1.5));
-            plot.line(Line::new("network", points(|point| point.network)).color(NETWORK).width(2.0));
-        });
-        name_widget(&shown.response, "Training loss");
-    }
-
-    fn psnr(&self, ui: &mut Ui, height: f32) {
-        let points: Vec<[f64; 2]> = self.validations.iter().map(|point| [point.steps as f64, point.psnr_db]).collect();
-        let shown = plot("Validation PSNR", "validation PSNR, dB", height).show(ui, |plot| {
-            if let Some(linear) = self.linear_psnr_db {
-                plot.hline(HLine::new("linear", linear).color(LINEAR).width(1.5));
-            }
-            plot.line(Line::new("network", points.clone()).color(NETWORK).width(2.0));
-            plot.points(Points::new("network", points).color(NETWORK).radius(2.5));
-        });
-        name_widget(&shown.response, "Validation PSNR");
-    }
-}
-
-/// A plot over steps.
-fn plot<'a>(name: &'a str, axis: &'a str, height: f32) -> Plot<'a> {
-    Plot::new(name)
-        .height(height)
-        .include_x(0.0)
-        .include_x(10.0)
-        .allow_scroll(false)
-        .x_axis_label("steps")
-        .y_axis_label(axis)
 }
