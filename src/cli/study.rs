@@ -1,6 +1,6 @@
 //! `study`: plans of cells, computed into a folder (resumable), and their tables and plots.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
@@ -12,11 +12,11 @@ use super::study_decoders::DecodersArgs;
 use super::study_plan::PlanArgs;
 use super::study_run::{RunArgs, write_results};
 use crate::evaluation::format_duration;
-use crate::formats::{write_png_rgb, write_safely};
+use crate::formats::write_safely;
 use crate::plural::counted;
 use crate::studies::plans::{
-    BatchScript, CellState, Figure, NamedPlan, Shard, StudyFolder, figure_of, markdown, named_plans, png,
-    shards_of_script, svg,
+    BatchScript, CellState, NamedPlan, Shard, StudyFolder, figure_of, markdown, named_plans, shards_of_script,
+    write_figure,
 };
 
 /// The batch script in the folder of a study.
@@ -170,23 +170,10 @@ impl PlotArgs {
             None => ["plot.svg", "plot.png"].map(|name| self.folder.join(name)).into(),
         };
         for file in &files {
-            write_plot(&figure, file)?;
+            write_figure(&figure, file)?;
         }
         let names: Vec<String> = files.iter().map(|file| file.display().to_string()).collect();
         output::print(&names.join("\n"))
-    }
-}
-
-/// Writes a figure as SVG or PNG, by the ending of the file.
-pub(super) fn write_plot(figure: &Figure, file: &Path) -> anyhow::Result<()> {
-    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
-    match ending.as_str() {
-        "svg" => {
-            let text = svg(figure)?;
-            Ok(write_safely(file, |writer| writer.write_all(text.as_bytes()))?)
-        }
-        "png" => Ok(write_png_rgb(file, png(figure)?.view())?),
-        _ => anyhow::bail!("{}: expected a name that ends in .svg or .png; choose another name", file.display()),
     }
 }
 

@@ -13,7 +13,6 @@ use super::choices::check_folder;
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::study::write_plot;
 use super::study_plan::PlanArgs;
 use crate::evaluation::format_duration;
 use crate::formats::{write_csv_text, write_safely};
@@ -21,6 +20,7 @@ use crate::plural::counted;
 use crate::studies::StudyError;
 use crate::studies::plans::{
     CSV_HEADER, CellRecord, CellState, Plan, PlanEvent, Shard, StudyFolder, csv_rows, figure_of, markdown, run_cells,
+    write_figure,
 };
 
 /// Arguments of `study run`.
@@ -80,7 +80,7 @@ impl RunArgs {
             write_results(&folder, &states)?;
             let figure = figure_of(folder.plan(), folder.cells(), &states);
             for name in ["plot.svg", "plot.png"] {
-                write_plot(&figure, &out.join(name))?;
+                write_figure(&figure, &out.join(name))?;
             }
         }
         let printed = self.print(&folder, &states);

@@ -44,6 +44,12 @@ pub enum StudyError {
         /// The folder.
         path: PathBuf,
     },
+    /// A plot has an unknown ending.
+    #[error("{}: expected a name that ends in .svg or .png; choose another name", .path.display())]
+    Ending {
+        /// The file.
+        path: PathBuf,
+    },
     /// The folder holds no study.
     #[error("{}: expected the folder of a study, found no plan.toml in it; give the --out of study run", .path.display())]
     NoPlan {

@@ -10,6 +10,7 @@ mod live;
 mod reconstructions;
 mod runs;
 mod session;
+mod studies;
 mod trainings;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
@@ -53,4 +54,5 @@ pub use session::Session;
 pub use session::snapshots::{
     Bits, FileChange, FoundSnapshots, LiveResults, Snapshot, SnapshotNumbers, SnapshotReconstruction, Snapshots,
 };
+pub use studies::queue::{OpenStudy, StudyStatus, StudyView};
 pub use trainings::queue::{LossPoint, Training, TrainingOrder, TrainingScope, TrainingStatus, Trainings};

@@ -4,6 +4,7 @@ pub mod estimates;
 pub mod reconstructions;
 pub mod run_preview;
 pub mod snapshots;
+pub mod studies;
 pub mod trainings;
 
 use std::path::{Path, PathBuf};
@@ -26,6 +27,7 @@ use crate::workbench::live::published::{Live, Wanted};
 use crate::workbench::reconstructions::reconstructor::Reconstructor;
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
+use crate::workbench::studies::study_thread::StudyThread;
 use crate::workbench::trainings::trainer::Trainer;
 
 /// The open design with its revision, its history, its file, the worker that evaluates it, and the run that optimizes it.
@@ -54,6 +56,7 @@ pub struct Session {
     pub(crate) reconstructor: Reconstructor,
     pub(crate) capturer: Capturer,
     pub(crate) trainer: Trainer,
+    pub(crate) study: StudyThread,
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
@@ -91,6 +94,7 @@ impl Session {
             worker,
             reconstructor: Reconstructor::start(Arc::clone(&wake), threads.clone())?,
             trainer,
+            study: StudyThread::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             capturer: Capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
             wake,
@@ -176,6 +180,7 @@ impl Session {
             ActivityKind::Capture => self.stop_capture(),
             ActivityKind::Run => self.stop_run(),
             ActivityKind::Training => self.stop_training(),
+            ActivityKind::Study => self.stop_study(),
         }
     }
 

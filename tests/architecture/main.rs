@@ -63,6 +63,7 @@ const ORDER: [(&str, &[&str]); 3] = [
             "reconstructions",
             "captures",
             "trainings",
+            "studies",
             "runs",
             "estimates",
             "jobs",

@@ -16,6 +16,7 @@ mod reconstruction;
 mod runs;
 mod seeing;
 mod soak;
+mod studies;
 mod training;
 mod waiting;
 mod work;

@@ -13,6 +13,7 @@ use crate::formats::{DocumentKind, content_key, json_of};
 use crate::forward::{Design, MaskError, MaskSource};
 use crate::information::{EngineChoice, Estimate, Estimator, NoiseEntropy, TestPatches};
 use crate::objects::ObjectSource;
+use crate::optics::Encoder;
 use crate::sensor::{Noise, PatchSize};
 use crate::sparsity::TamuraSummary;
 use crate::studies::error::StudyError;
@@ -167,7 +168,7 @@ impl CellSettings {
     }
 
     /// The design of the cell, with the mask that `encoder` gives.
-    pub(super) fn design(&self, encoder: crate::optics::Encoder) -> Design {
+    pub fn design(&self, encoder: Encoder) -> Design {
         Design {
             encoder,
             objects: self.objects.clone(),

@@ -26,7 +26,7 @@ pub use facet::Facet;
 pub use figure::{Figure, Panel, Point, Series, Tick, figure_of, published_value};
 pub use folder::{CellState, StudyFolder};
 pub use named::{NamedPlan, named_plans};
-pub use paint::{png, svg};
+pub use paint::{png, svg, write_figure};
 pub use plan::{Plan, PlotSettings, QuickSettings};
 pub use run::{PlanEvent, RunSummary, run_cells};
 pub use shard::Shard;

@@ -1,11 +1,14 @@
 //! Drawing of a figure as SVG or PNG.
 
+use std::path::Path;
+
 use ndarray::Array3;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 
 use super::figure::{Figure, Panel, Point, Series, Tick};
+use crate::formats::{write_png_rgb, write_safely};
 use crate::studies::drawing::{FONT, ordered_colour, use_font};
 use crate::studies::error::StudyError;
 
@@ -57,6 +60,22 @@ pub fn png(figure: &Figure) -> Result<Array3<u8>, StudyError> {
     draw(&root, figure, PNG_SCALE).map_err(|error| failed(error.to_string()))?;
     drop(root);
     Array3::from_shape_vec((height as usize, width as usize, 3), pixels).map_err(|error| failed(error.to_string()))
+}
+
+/// Writes the figure as SVG or PNG, by the ending of the file.
+///
+/// # Errors
+/// [`StudyError`] where the file has another ending, or cannot be drawn or written.
+pub fn write_figure(figure: &Figure, file: &Path) -> Result<(), StudyError> {
+    let ending = file.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default();
+    match ending.as_str() {
+        "svg" => {
+            let text = svg(figure)?;
+            Ok(write_safely(file, |writer| writer.write_all(text.as_bytes()))?)
+        }
+        "png" => Ok(write_png_rgb(file, png(figure)?.view())?),
+        _ => Err(StudyError::Ending { path: file.into() }),
+    }
 }
 
 fn columns(figure: &Figure) -> usize {

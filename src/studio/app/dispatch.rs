@@ -7,7 +7,7 @@ use crate::studio::state::dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_dialog::PathPurpose;
-use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting, TrainingRequest};
+use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting, StudyRequest, TrainingRequest};
 use crate::studio::state::transition::Transition;
 use crate::studio::state::window_layout::LayoutRequest;
 use crate::workbench::{Recovered, Session};
@@ -41,6 +41,7 @@ fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::ImportPsf(path) => state.session.import_psf(path, None),
         Request::Run(request) => serve_run(request, state),
         Request::Training(request) => serve_training(request, state),
+        Request::Study(request) => serve_study(request, ctx, state),
         Request::Estimates(request) => serve_estimates(request, state),
         Request::Inspect => state.inspect(),
         Request::Reconstruct => {
@@ -96,6 +97,23 @@ fn serve_training(request: TrainingRequest, state: &mut State) {
         }
         TrainingRequest::Pause(pause) => state.session.pause_training(pause),
         TrainingRequest::Stop => state.session.stop_training(),
+    }
+}
+
+fn serve_study(request: StudyRequest, ctx: &egui::Context, state: &mut State) {
+    match request {
+        StudyRequest::Open(path) => {
+            let opened = state.session.open_study(None, path);
+            state.report(opened);
+        }
+        StudyRequest::Start => state.session.start_study(),
+        StudyRequest::Pause(pause) => state.session.pause_study(pause),
+        StudyRequest::Stop => state.session.stop_study(),
+        StudyRequest::OpenCell(index) => match state.session.design_of_cell(index) {
+            Ok(design) => state.request_transition(ctx, Transition::Sample(Box::new(design))),
+            Err(sentence) => state.messages.push(Severity::Failure, sentence),
+        },
+        StudyRequest::Refused(sentence) => state.messages.push(Severity::Failure, sentence),
     }
 }
 

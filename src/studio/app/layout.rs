@@ -10,7 +10,7 @@ use crate::studio::app::dispatch;
 use crate::studio::app::state::{Parts, State};
 use crate::studio::panels::{
     compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, reconstruction, samples,
-    scene,
+    scene, studies,
 };
 use crate::studio::state::pane::Pane;
 use crate::studio::state::request::Request;
@@ -23,8 +23,16 @@ pub fn default_layout() -> Tree<Pane> {
     let below = row(&mut tiles, &[(Pane::Object, 1.0), (Pane::Measurement, 1.0), (Pane::Reconstruction, 1.0)]);
     let left = shared(&mut tiles, LinearDir::Vertical, &[(above, 1.15), (below, 1.0)]);
     let information = tab(&mut tiles, &[Pane::Information]);
-    let others =
-        [Pane::Scene, Pane::Optimize, Pane::Estimates, Pane::Compare, Pane::InformationMap, Pane::Mtf, Pane::History];
+    let others = [
+        Pane::Scene,
+        Pane::Optimize,
+        Pane::Estimates,
+        Pane::Compare,
+        Pane::InformationMap,
+        Pane::Mtf,
+        Pane::History,
+        Pane::Studies,
+    ];
     let others = tab(&mut tiles, &others);
     let right = shared(&mut tiles, LinearDir::Vertical, &[(information, 1.3), (others, 1.0)]);
     let root = shared(&mut tiles, LinearDir::Horizontal, &[(left, 2.5), (right, 1.15)]);
@@ -137,6 +145,7 @@ fn show_panel(ui: &mut egui::Ui, pane: Pane, parts: Parts<'_>, requests: &mut Ve
         Pane::InformationMap => information_map::show(ui, &mut panels.map, &view, requests),
         Pane::Optimize => optimize::show(ui, &mut panels.optimize, &view, requests),
         Pane::Compare => compare::show(ui, &mut panels.compare, view.palettes, requests),
+        Pane::Studies => studies::show(ui, &mut panels.studies, &view, requests),
         Pane::Unknown => {}
     }
 }

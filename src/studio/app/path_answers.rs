@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use ndarray::{Array4, ArrayD, Axis};
 
 use crate::objects::ObjectSource;
+use crate::studies::plans::Plan;
 use crate::studio::app::state::State;
 use crate::studio::state::messages::Severity;
 use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
@@ -45,6 +46,25 @@ impl State {
             PathPurpose::ExportPanel { image, .. } => Job::ExportImage { image, path },
             PathPurpose::ExportRecord(record) => Job::ExportRecord { record, path },
             PathPurpose::ExportLive(record) => Job::ExportLive { record, path, for_command: false },
+            PathPurpose::OpenPlan => {
+                match Plan::open(&path) {
+                    Ok(plan) => self.panels.studies.from_file = Some(plan),
+                    Err(error) => self.messages.push(Severity::Failure, error.to_string()),
+                }
+                return;
+            }
+            PathPurpose::NewStudy(plan) => {
+                let begun = self.session.open_study(Some(*plan), path);
+                return self.report(begun);
+            }
+            PathPurpose::OpenStudy => {
+                let opened = self.session.open_study(None, path);
+                return self.report(opened);
+            }
+            PathPurpose::ExportStudyPlot(figure) => Job::ExportFigure { figure, path },
+            PathPurpose::ExportStudyTable(study) => {
+                Job::ExportStudyTable { folder: study.folder, states: study.states, path }
+            }
             PathPurpose::ExportCurve { curve, .. } => Job::ExportCurve { curve, path },
         };
         self.session.submit(job);

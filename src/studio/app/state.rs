@@ -18,8 +18,8 @@ use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::workbench::{
     CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults,
-    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, Trainings, bounds_command,
-    reproduce_command,
+    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, StudyView, Trainings,
+    bounds_command, reproduce_command,
 };
 
 /// Time between two reconstructions while the masks of a run are shown as they come.
@@ -46,6 +46,8 @@ pub struct State {
     pub reconstructions: Reconstructions,
     /// The training of a network, and the trained networks, as of this frame.
     pub trainings: Trainings,
+    /// The study as of this frame.
+    pub study: StudyView,
     /// The newest capture of a camera as of this frame.
     capture: Option<CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -106,6 +108,7 @@ impl State {
             estimates,
             reconstructions: Reconstructions::default(),
             trainings: Trainings::default(),
+            study: StudyView::default(),
             capture: None,
             run: None,
             inspected: None,
@@ -147,6 +150,7 @@ impl State {
             estimates: &self.estimates,
             reconstructions: &self.reconstructions,
             trainings: &self.trainings,
+            study: &self.study,
             capture: self.capture.as_ref(),
             run: self.run.as_ref(),
             inspected: self.inspected,
@@ -170,6 +174,7 @@ impl State {
         self.estimates = self.session.estimates();
         self.reconstructions = self.session.reconstructions();
         self.trainings = self.session.trainings();
+        self.study = self.session.study();
         self.capture = self.session.capture();
         // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == self.session.revision() && !self.session.is_previewing();

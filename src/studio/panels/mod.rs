@@ -17,3 +17,4 @@ pub mod reconstruction;
 pub mod samples;
 pub mod scene;
 pub mod status_bar;
+pub mod studies;

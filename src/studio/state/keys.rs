@@ -97,6 +97,7 @@ Drag a panel by its tab. A double click on a tab, or Ctrl+M, maximizes it. *View
             Pane::Mtf => "modulation transfer function and spectrum",
             Pane::History => "bounds of past edits",
             Pane::Compare => "snapshots side by side",
+            Pane::Studies => "plans of many estimates",
             Pane::Unknown => "a panel of another version",
         }
     }

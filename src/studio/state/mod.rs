@@ -22,6 +22,7 @@ pub mod reconstruction;
 pub mod request;
 pub mod samples;
 pub mod selection;
+pub mod studies;
 pub mod training_form;
 pub mod transition;
 pub mod view;

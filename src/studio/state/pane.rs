@@ -32,6 +32,8 @@ pub enum Pane {
     Optimize,
     /// Designs side by side.
     Compare,
+    /// Plans of many estimates.
+    Studies,
     /// A panel of another version, from its layout file.
     Unknown,
 }
@@ -50,7 +52,7 @@ impl From<Pane> for &'static str {
 
 impl Pane {
     /// All panels.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Mask,
         Self::Lenslets,
         Self::Object,
@@ -64,6 +66,7 @@ impl Pane {
         Self::Mtf,
         Self::History,
         Self::Compare,
+        Self::Studies,
     ];
 
     /// Title of the tab.
@@ -82,6 +85,7 @@ impl Pane {
             Self::InformationMap => "Map",
             Self::Optimize => "Optimize",
             Self::Compare => "Compare",
+            Self::Studies => "Studies",
             Self::Unknown => "Unknown",
         }
     }

@@ -7,6 +7,7 @@ use crate::studio::state::mtf_and_map::{InformationMapState, MtfState};
 use crate::studio::state::optimize::OptimizeState;
 use crate::studio::state::samples::SamplesState;
 use crate::studio::state::selection::Selection;
+use crate::studio::state::studies::StudiesState;
 
 /// The state of each panel. A panel gets its own part; only mask and lenslet table share one, the selection.
 #[derive(Default)]
@@ -27,4 +28,6 @@ pub struct Panels {
     pub optimize: OptimizeState,
     /// Compare.
     pub compare: CompareState,
+    /// Studies.
+    pub studies: StudiesState,
 }

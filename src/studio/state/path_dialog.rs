@@ -8,9 +8,10 @@ use ndarray::{Array2, Array3};
 
 use crate::formats::path_text;
 use crate::reconstruction::TrainedNetwork;
+use crate::studies::plans::{Figure, Plan};
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
-    Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat,
+    Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat, OpenStudy,
     RECONSTRUCTIONS_FILE,
 };
 
@@ -77,6 +78,16 @@ pub enum PathPurpose {
     ExportRecord(Arc<IdealRecord>),
     /// Writes the record of a live estimate.
     ExportLive(Box<LiveRecord>),
+    /// Opens the plan of a study.
+    OpenPlan,
+    /// Begins a plan in a folder.
+    NewStudy(Box<Plan>),
+    /// Opens the study of a folder.
+    OpenStudy,
+    /// Writes the plot of a study.
+    ExportStudyPlot(Arc<Figure>),
+    /// Writes the table of a study.
+    ExportStudyTable(OpenStudy),
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -107,6 +118,11 @@ impl PathPurpose {
             Self::ExportPanel { name, .. } => format!("Export image of {name}"),
             Self::ExportRecord(_) => "Export record".into(),
             Self::ExportLive(_) => "Export record of the live estimate".into(),
+            Self::OpenPlan => "Open plan".into(),
+            Self::NewStudy(plan) => format!("Folder for the study {}", plan.name),
+            Self::OpenStudy => "Open study".into(),
+            Self::ExportStudyPlot(_) => "Export plot".into(),
+            Self::ExportStudyTable(_) => "Export table".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
         }
     }
@@ -138,7 +154,11 @@ impl PathPurpose {
             Self::ExportPanel { .. } => "A PNG file of the panel as shown",
             Self::ExportRecord(_) => "A JSON file that reproduces the run",
             Self::ExportLive(_) => "A JSON file that `lenslet-studio reproduce FILE` reads",
-            Self::ExportCurve { .. } => "A CSV file",
+            Self::OpenPlan => "A TOML file, as `lenslet-studio study plan fig2` prints it",
+            Self::NewStudy(_) => "A folder for plan and cells; it is created if missing",
+            Self::OpenStudy => "The folder of a study: --out of `lenslet-studio study run`",
+            Self::ExportStudyPlot(_) => "An SVG or PNG file, by its ending",
+            Self::ExportCurve { .. } | Self::ExportStudyTable(_) => "A CSV file",
         }
     }
 
@@ -155,11 +175,11 @@ impl PathPurpose {
     /// Label of the button that confirms.
     pub fn action(&self) -> &'static str {
         match self {
-            Self::OpenDesign | Self::OpenObjects | Self::OpenWeights => "Open",
+            Self::OpenDesign | Self::OpenObjects | Self::OpenWeights | Self::OpenPlan | Self::OpenStudy => "Open",
             Self::ChooseImages | Self::ChooseCapture(_) => "Choose",
             Self::ImportPsf => "Import",
             Self::SaveAs => "Save",
-            Self::KeepUnsaved => "Use",
+            Self::KeepUnsaved | Self::NewStudy(_) => "Use",
             _ => "Export",
         }
     }
@@ -170,6 +190,7 @@ impl PathPurpose {
             Self::OpenDesign
             | Self::OpenObjects
             | Self::OpenWeights
+            | Self::OpenPlan
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf => Picker::Open,
@@ -179,10 +200,15 @@ impl PathPurpose {
             | Self::ExportPanel { .. }
             | Self::ExportRecord(_)
             | Self::ExportLive(_)
+            | Self::ExportStudyPlot(_)
+            | Self::ExportStudyTable(_)
             | Self::ExportCurve { .. } => Picker::Save,
-            Self::ExportDesign | Self::ExportMeasurements | Self::ExportCapture { .. } | Self::KeepUnsaved => {
-                Picker::Folder
-            }
+            Self::ExportDesign
+            | Self::ExportMeasurements
+            | Self::ExportCapture { .. }
+            | Self::NewStudy(_)
+            | Self::OpenStudy
+            | Self::KeepUnsaved => Picker::Folder,
         }
     }
 
@@ -191,11 +217,15 @@ impl PathPurpose {
         match self {
             Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
             Self::ExportView { .. } | Self::ExportPanel { .. } => Some("png"),
-            Self::ExportCurve { .. } => Some("csv"),
+            Self::ExportCurve { .. } | Self::ExportStudyTable(_) => Some("csv"),
+            Self::ExportStudyPlot(_) => Some("svg"),
             Self::ExportWeights(_) => Some("safetensors"),
             Self::OpenDesign
             | Self::OpenObjects
             | Self::OpenWeights
+            | Self::OpenPlan
+            | Self::NewStudy(_)
+            | Self::OpenStudy
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
@@ -213,10 +243,15 @@ impl PathPurpose {
             Self::OpenDesign
             | Self::OpenObjects
             | Self::OpenWeights
+            | Self::OpenPlan
+            | Self::OpenStudy
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
             | Self::KeepUnsaved => return String::new(),
+            Self::NewStudy(plan) => folder.join(&plan.name),
+            Self::ExportStudyPlot(_) => folder.join("plot.svg"),
+            Self::ExportStudyTable(_) => folder.join("table.csv"),
             Self::SaveAs => beside.map_or_else(|| free_name(&folder), Path::to_path_buf),
             Self::ExportDesign => folder.join("export"),
             Self::ExportMeasurements => folder.join("measurements"),

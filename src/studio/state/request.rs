@@ -47,6 +47,8 @@ pub enum Request {
     Run(RunRequest),
     /// Acts on the training of a network.
     Training(TrainingRequest),
+    /// Acts on the study.
+    Study(StudyRequest),
     /// Acts on estimates.
     Estimates(EstimatesRequest),
     /// Inspects the shown measurement: spectrum, information map.
@@ -117,6 +119,22 @@ pub enum TrainingRequest {
     Pause(bool),
     /// Stops the training.
     Stop,
+}
+
+/// A request about the study.
+pub enum StudyRequest {
+    /// Opens the study of a folder.
+    Open(PathBuf),
+    /// Computes the cells without a result.
+    Start,
+    /// Pauses or resumes the study.
+    Pause(bool),
+    /// Stops the study.
+    Stop,
+    /// Opens the design of a cell.
+    OpenCell(usize),
+    /// Says why the plan of the form cannot be computed.
+    Refused(String),
 }
 
 /// A request about estimates.

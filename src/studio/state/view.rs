@@ -14,7 +14,7 @@ use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{
     CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord,
-    Reconstructions, Revisioned, RunStatus, Trainings,
+    Reconstructions, Revisioned, RunStatus, StudyView, Trainings,
 };
 
 /// What panels and dialogs read of the window, beside their own state. They change it by requests alone.
@@ -45,6 +45,8 @@ pub struct View<'a> {
     pub reconstructions: &'a Reconstructions,
     /// The training of a network, and the trained networks, as of this frame.
     pub trainings: &'a Trainings,
+    /// The study as of this frame.
+    pub study: &'a StudyView,
     /// The newest capture of a camera as of this frame.
     pub capture: Option<&'a CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -188,6 +190,7 @@ mod tests {
         estimates: Estimates,
         reconstructions: Reconstructions,
         trainings: Trainings,
+        study: StudyView,
         locks: Locks,
         preferences: Preferences,
         palettes: ColourPalettes,
@@ -210,6 +213,7 @@ mod tests {
                 estimates: &self.estimates,
                 reconstructions: &self.reconstructions,
                 trainings: &self.trainings,
+                study: &self.study,
                 capture: None,
                 run: None,
                 inspected: None,

@@ -29,6 +29,8 @@ pub enum ActivityKind {
     Run,
     /// The training of a network.
     Training,
+    /// The cells of a study.
+    Study,
 }
 
 /// State of an activity.
@@ -163,7 +165,7 @@ impl Activities {
         lock(&self.0).entries.clone()
     }
 
-    /// Estimates, captures, runs and trainings that ended since the last call, oldest first.
+    /// Estimates, captures, runs, trainings and studies that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         std::mem::take(&mut lock(&self.0).ended)
     }
@@ -180,7 +182,11 @@ impl Activities {
             activity.left = None;
             let is_long = matches!(
                 activity.kind,
-                ActivityKind::Estimate | ActivityKind::Capture | ActivityKind::Run | ActivityKind::Training
+                ActivityKind::Estimate
+                    | ActivityKind::Capture
+                    | ActivityKind::Run
+                    | ActivityKind::Training
+                    | ActivityKind::Study
             );
             if is_long {
                 ended.push(Arc::clone(entry));

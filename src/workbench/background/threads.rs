@@ -47,6 +47,8 @@ pub(crate) enum Work {
     Run,
     /// The training of a network.
     Training,
+    /// The cells of a study.
+    Study,
 }
 
 impl Work {
@@ -58,6 +60,7 @@ impl Work {
             Self::Reconstruction => "reconstruction",
             Self::Run => "run",
             Self::Training => "training",
+            Self::Study => "study",
         }
     }
 
@@ -70,6 +73,7 @@ impl Work {
             Self::Reconstruction => 19,
             Self::Run => 16,
             Self::Training => 13,
+            Self::Study => 10,
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
-use crate::formats::write_png_rgb;
+use crate::formats::{write_csv_text, write_png_rgb};
 use crate::forward::{Design, ForwardModel};
 use crate::information::Protocol;
 use crate::objects::{ObjectSet, ObjectSource};
@@ -14,6 +14,7 @@ use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
+use crate::studies::plans::{CSV_HEADER, CellState, Figure, StudyFolder, csv_rows, write_figure};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::reconstruction_files;
@@ -155,6 +156,22 @@ pub enum Job {
         path: PathBuf,
         /// Whether the record is for a command line, and not requested by itself.
         for_command: bool,
+    },
+    /// Writes the plot of a study.
+    ExportFigure {
+        /// The figure.
+        figure: Arc<Figure>,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Writes the table of a study as CSV.
+    ExportStudyTable {
+        /// Its folder.
+        folder: Arc<StudyFolder>,
+        /// State of each cell.
+        states: Arc<Vec<CellState>>,
+        /// The file.
+        path: PathBuf,
     },
     /// Writes a curve as CSV.
     ExportCurve {
@@ -306,6 +323,8 @@ impl Job {
             | Self::ExportRecord { path, .. }
             | Self::ExportLive { path, .. }
             | Self::ExportNetwork { path, .. }
+            | Self::ExportFigure { path, .. }
+            | Self::ExportStudyTable { path, .. }
             | Self::ExportCurve { path, .. } => {
                 format!("Export {}", path.display())
             }
@@ -396,6 +415,15 @@ impl Job {
                 record.save(path).map_err(|error| error.to_string())?;
                 let path = path.clone();
                 Ok(if *for_command { Outcome::RecordKept { path } } else { Outcome::Exported { files: vec![path] } })
+            }
+            Self::ExportFigure { figure, path } => {
+                write_figure(figure, path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::ExportStudyTable { folder, states, path } => {
+                let rows = csv_rows(folder, states).into_iter();
+                write_csv_text(path, &CSV_HEADER, rows).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
             }
             Self::ExportCurve { curve, path } => {
                 curve.write(path).map_err(|error| error.to_string())?;

@@ -13,6 +13,8 @@ pub mod mask_drawing;
 pub mod run_results;
 pub mod severity_colour;
 pub mod spectrum_plot;
+pub mod study_cells;
+pub mod study_plot;
 pub mod tamura_gauge;
 pub mod training;
 pub mod training_curves;

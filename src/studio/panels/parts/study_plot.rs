@@ -1,0 +1,110 @@
+//! The plot of a study, which grows as its cells are computed.
+
+use std::ops::RangeInclusive;
+
+use egui::{Color32, Ui};
+use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points};
+
+use crate::studies::plans::{Figure, Panel, Point};
+use crate::studio::state::request::{Request, StudyRequest};
+use crate::studio::widgets::controls::{name_widget, placeholder};
+use crate::workbench::OpenStudy;
+
+/// Distance within which the pointer finds a point, points of the screen.
+const NEAR: f32 = 12.0;
+
+/// Draws a panel of the figure. A click on a point opens the design of its cell.
+pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Request>) {
+    let figure = &open.figure;
+    let Some(shown) = figure.panels.get(panel) else { return };
+    if shown.series.iter().all(|series| series.points.is_empty()) {
+        placeholder(ui, "No cell is done yet");
+        return;
+    }
+    let place = |x: f64| if figure.logarithmic { x.log10() } else { x };
+    let ticks: Vec<(f64, String)> = figure.ticks.iter().map(|tick| (place(tick.x), tick.label.clone())).collect();
+    let marks = grid(&ticks);
+    let label = move |mark: GridMark, _: &RangeInclusive<f64>| {
+        ticks.iter().find(|(x, _)| (x - mark.value).abs() < 1e-9).map_or(String::new(), |(_, label)| label.clone())
+    };
+    let response = Plot::new("Study plot")
+        .legend(Legend::default())
+        .include_y(0.0)
+        .allow_scroll(false)
+        .x_axis_label(figure.x_label.clone())
+        .y_axis_label("bits per pixel")
+        .x_grid_spacer(move |_| marks.clone())
+        .x_axis_formatter(label)
+        .show(ui, |plot| {
+            let count = shown.series.len();
+            for (index, series) in shown.series.iter().enumerate() {
+                let colour = colour(index, count);
+                lines(plot, series.name.as_str(), &series.points, figure, colour);
+            }
+            let pointer = plot.response().hover_pos()?;
+            let at = |point: &Point| plot.screen_from_plot([place(point.x), point.bits].into()).distance(pointer);
+            nearest(shown, &at)
+        });
+    name_widget(&response.response, "Study plot");
+    let Some((name, point)) = response.inner else { return };
+    requests.push(Request::Describe(described(name, point)));
+    response.response.clone().on_hover_text_at_pointer(described(name, point));
+    if response.response.clicked() {
+        requests.push(Request::Study(StudyRequest::OpenCell(point.cell)));
+    }
+}
+
+fn lines(plot: &mut egui_plot::PlotUi<'_>, name: &str, points: &[Point], figure: &Figure, colour: Color32) {
+    let place = |x: f64| if figure.logarithmic { x.log10() } else { x };
+    let of = |value: &dyn Fn(&Point) -> Option<f64>| -> Vec<[f64; 2]> {
+        points.iter().filter_map(|point| Some([place(point.x), value(point)?])).collect()
+    };
+    let joined = of(&|point| Some(point.bits).filter(|_| !point.is_designed));
+    plot.line(Line::new(name, PlotPoints::from(joined.clone())).color(colour).width(2.0));
+    plot.points(Points::new(name, PlotPoints::from(joined)).color(colour).radius(2.5));
+    let designed = of(&|point| Some(point.bits).filter(|_| point.is_designed));
+    plot.points(Points::new(name, designed).color(colour).shape(MarkerShape::Diamond).radius(5.0));
+    let lower = of(&|point| point.lower);
+    plot.line(Line::new(name, lower).color(colour).width(1.0).style(LineStyle::dashed_loose()));
+    let published = of(&|point| point.published);
+    plot.points(Points::new(name, published).color(colour).filled(false).radius(4.0));
+    let best = points.iter().map(|point| point.lower.unwrap_or(point.bits)).fold(f64::MIN, f64::max);
+    let is_best = |point: &Point| point.lower.unwrap_or(point.bits) == best;
+    if figure.optima {
+        let star = of(&|point| Some(best).filter(|_| is_best(point)));
+        plot.points(Points::new(name, star).color(colour).shape(MarkerShape::Asterisk).radius(6.0));
+    }
+}
+
+/// The point under the pointer, and its line.
+fn nearest<'a>(panel: &'a Panel, distance: &dyn Fn(&Point) -> f32) -> Option<(&'a str, Point)> {
+    let points = panel.series.iter().flat_map(|series| series.points.iter().map(move |point| (series, point)));
+    let (series, point) = points.min_by(|(_, one), (_, other)| distance(one).total_cmp(&distance(other)))?;
+    (distance(point) <= NEAR).then_some((series.name.as_str(), *point))
+}
+
+/// The numbers of a point, for people.
+fn described(name: &str, point: Point) -> String {
+    let [low, high] = point.interval_95;
+    let lower = point.lower.map_or(String::new(), |bits| format!(", at least {bits:.4}"));
+    let published = point.published.map_or(String::new(), |bits| format!(", published {bits:.4}"));
+    let tamura = point.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
+    format!("{name} at {}: {:.4} ({low:.4} to {high:.4}) bits per pixel{lower}{published}{tamura}", point.x, point.bits)
+}
+
+/// Marks at the values of the x axis, as many as have room.
+fn grid(ticks: &[(f64, String)]) -> Vec<GridMark> {
+    let every = ticks.len().div_ceil(10).max(1);
+    let ends = (ticks.first().map_or(0.0, |(x, _)| *x), ticks.last().map_or(1.0, |(x, _)| *x));
+    let step = ((ends.1 - ends.0) / 4.0).max(1e-6);
+    ticks.iter().step_by(every).map(|(x, _)| GridMark { value: *x, step_size: step }).collect()
+}
+
+/// Colour number `index` of `count`, from dark to light.
+fn colour(index: usize, count: usize) -> Color32 {
+    use colorgrad::Gradient;
+    // The darkest end would vanish on a dark background.
+    let share = if count > 1 { 0.25 + 0.75 * index as f32 / (count - 1) as f32 } else { 0.5 };
+    let [red, green, blue, _] = colorgrad::preset::viridis().at(share).to_rgba8();
+    Color32::from_rgb(red, green, blue)
+}

@@ -1,0 +1,137 @@
+//! The room of studies: a plan from a file, its cells, its plot, its files.
+
+use std::path::{Path, PathBuf};
+
+use egui_kittest::kittest::{NodeT, Queryable};
+use lenslet_studio::forward::Design;
+use lenslet_studio::information::Estimator;
+use lenslet_studio::sensor::PatchSize;
+use lenslet_studio::studies::plans::{Axes, EstimateSettings, Facet, Plan, PlotSettings, StudyMask};
+use lenslet_studio::workbench::{StudyStatus, StudyView};
+
+use super::waiting::wait_for;
+use super::{Window, answer, click, lenslets, open, studio};
+
+/// Two masks before beads of two densities, in fractions of a second.
+fn write_plan(folder: &Path) -> PathBuf {
+    let mask = vec![StudyMask::heuristic(2), StudyMask::heuristic(5)];
+    let axes = Axes {
+        patch: vec![PatchSize::Shape(6, 6)],
+        estimator: vec![Estimator::GaussianStationary],
+        ..Axes::new(mask, vec!["beads:0.008".into(), "beads:0.05".into()])
+    };
+    let plot = PlotSettings { x: Facet::Density, lines: Facet::Mask, panels: None, logarithmic: true, optima: true };
+    let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
+    let plan = Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) };
+    let file = folder.join("small.toml");
+    plan.save(&file).unwrap();
+    file
+}
+
+fn study(window: &Window) -> StudyView {
+    studio(window).session().study()
+}
+
+/// Waits until the study is read or computed.
+fn wait_until_idle(window: &mut Window) {
+    wait_for(window, "the study", |window| study(window).status == Some(StudyStatus::Idle));
+    window.run_steps(2);
+}
+
+fn shows(window: &Window, text: &str) -> bool {
+    window.query_all_by_label_contains(text).next().is_some()
+}
+
+/// Begins the plan in a folder.
+fn begin(window: &mut Window, plan: &Path, folder: &Path) {
+    click(window, "Studies");
+    click(window, "Plan");
+    click(window, "Plan file...");
+    answer(window, plan, "Open");
+    click(window, "Quick study");
+    click(window, "New study");
+    answer(window, folder, "Use");
+    wait_until_idle(window);
+}
+
+#[test]
+fn a_plan_fills_its_cells_and_its_plot() {
+    let place = tempfile::tempdir().unwrap();
+    let (plan, folder) = (write_plan(place.path()), place.path().join("study"));
+    let mut window = open(Design::default());
+    begin(&mut window, &plan, &folder);
+    assert!(shows(&window, "0 of 4 cells done") && shows(&window, "No cell is done yet"));
+    click(&mut window, "Start study");
+    wait_until_idle(&mut window);
+    assert!(shows(&window, "4 of 4 cells done"), "{:?}", study(&window));
+    window.get_by_label("Study plot");
+    assert!(window.get_by_label("Start study").accesskit_node().is_disabled());
+    // A cell opens its design.
+    click(&mut window, "Show study cells");
+    click(&mut window, "Cell beads:0.05, heuristic:2, 6 x 6 px, gaussian-stationary");
+    window.run_steps(4);
+    let design = studio(&window).session().design();
+    assert_eq!((lenslets(&window).len(), design.objects.to_string().as_str()), (2, "beads:0.05"));
+    // Plot and table are written.
+    for (entry, file, beginning) in [("Plot...", "plot.svg", "<svg"), ("Table...", "table.csv", "id,objects,mask")] {
+        click(&mut window, "Export");
+        click(&mut window, entry);
+        let file = place.path().join(file);
+        answer(&mut window, &file, "Export");
+        wait_for(&mut window, "the file", |_| file.exists());
+        assert!(std::fs::read_to_string(&file).unwrap().starts_with(beginning));
+    }
+    // The study outlives the window.
+    drop(window);
+    let mut window = open(Design::default());
+    click(&mut window, "Studies");
+    click(&mut window, "Open study");
+    answer(&mut window, &folder, "Open");
+    wait_until_idle(&mut window);
+    assert!(shows(&window, "4 of 4 cells done"));
+}
+
+#[test]
+fn a_study_is_paused_and_stopped() {
+    let place = tempfile::tempdir().unwrap();
+    let (plan, folder) = (write_plan(place.path()), place.path().join("study"));
+    let mut window = open(Design::default());
+    begin(&mut window, &plan, &folder);
+    click(&mut window, "Start study");
+    click(&mut window, "Pause study");
+    assert_eq!(study(&window).status, Some(StudyStatus::Paused));
+    let done = study(&window).open.unwrap().done();
+    assert!(done < 4, "the study was quicker than its pause");
+    click(&mut window, "Resume study");
+    click(&mut window, "Stop study");
+    assert!(study(&window).status == Some(StudyStatus::Idle) && study(&window).running.is_none());
+    // What is left is computed later.
+    click(&mut window, "Start study");
+    wait_until_idle(&mut window);
+    assert_eq!(study(&window).open.unwrap().done(), 4);
+}
+
+#[test]
+fn folders_and_plans_that_cannot_be_used_are_told() {
+    let place = tempfile::tempdir().unwrap();
+    let mut window = open(Design::default());
+    click(&mut window, "Studies");
+    click(&mut window, "Open study");
+    answer(&mut window, place.path(), "Open");
+    wait_for(&mut window, "the refusal", |window| matches!(study(window).status, Some(StudyStatus::Failed(_))));
+    window.run_steps(2);
+    assert!(shows(&window, "no plan.toml"));
+    let broken = place.path().join("broken.toml");
+    std::fs::write(&broken, "mask = 3").unwrap();
+    click(&mut window, "Plan");
+    click(&mut window, "Plan file...");
+    answer(&mut window, &broken, "Open");
+    assert!(shows(&window, "broken.toml: expected a plan"));
+    // A published plan of image sets asks for their files.
+    click(&mut window, "Plan");
+    click(&mut window, "s1");
+    window.get_by_label("File of mnist");
+    click(&mut window, "New study");
+    window.run_steps(2);
+    assert!(shows(&window, "objects cifar10: expected its file"));
+}
