@@ -9,8 +9,9 @@ use lenslet_studio::sensor::PatchSize;
 use lenslet_studio::studies::plans::{Axes, EstimateSettings, Facet, Plan, PlotSettings, StudyMask};
 use lenslet_studio::workbench::{StudyStatus, StudyView};
 
+use super::home::at_home;
 use super::waiting::wait_for;
-use super::{Window, answer, click, lenslets, open, studio};
+use super::{Window, answer, click, close, lenslets, open, studio};
 
 /// Two masks before beads of two densities, in fractions of a second.
 fn write_plan(folder: &Path) -> PathBuf {
@@ -45,8 +46,7 @@ fn shows(window: &Window, text: &str) -> bool {
 /// Begins the plan in a folder.
 fn begin(window: &mut Window, plan: &Path, folder: &Path) {
     click(window, "Studies");
-    click(window, "Plan");
-    click(window, "Plan file...");
+    click(window, "Open plan");
     answer(window, plan, "Open");
     click(window, "Quick study");
     click(window, "New study");
@@ -58,7 +58,8 @@ fn begin(window: &mut Window, plan: &Path, folder: &Path) {
 fn a_plan_fills_its_cells_and_its_plot() {
     let place = tempfile::tempdir().unwrap();
     let (plan, folder) = (write_plan(place.path()), place.path().join("study"));
-    let mut window = open(Design::default());
+    let home = tempfile::tempdir().unwrap();
+    let mut window = at_home(home.path());
     begin(&mut window, &plan, &folder);
     assert!(shows(&window, "0 of 4 cells done") && shows(&window, "No cell is done yet"));
     click(&mut window, "Start study");
@@ -82,12 +83,11 @@ fn a_plan_fills_its_cells_and_its_plot() {
         assert!(std::fs::read_to_string(&file).unwrap().starts_with(beginning));
     }
     // The study outlives the window.
+    close(&mut window);
     drop(window);
-    let mut window = open(Design::default());
-    click(&mut window, "Studies");
-    click(&mut window, "Open study");
-    answer(&mut window, &folder, "Open");
+    let mut window = at_home(home.path());
     wait_until_idle(&mut window);
+    click(&mut window, "Studies");
     assert!(shows(&window, "4 of 4 cells done"));
 }
 
@@ -123,8 +123,7 @@ fn folders_and_plans_that_cannot_be_used_are_told() {
     assert!(shows(&window, "no plan.toml"));
     let broken = place.path().join("broken.toml");
     std::fs::write(&broken, "mask = 3").unwrap();
-    click(&mut window, "Plan");
-    click(&mut window, "Plan file...");
+    click(&mut window, "Open plan");
     answer(&mut window, &broken, "Open");
     assert!(shows(&window, "broken.toml: expected a plan"));
     // A published plan of image sets asks for their files.

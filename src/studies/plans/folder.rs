@@ -78,7 +78,7 @@ impl StudyFolder {
     /// [`StudyError`] where the folder holds no plan that this version knows.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
         let file = path.join(PLAN);
-        if !file.exists() {
+        if !Self::is_at(path) {
             return Err(StudyError::NoPlan { path: path.into() });
         }
         let plan = Plan::open(&file)?;
@@ -90,6 +90,11 @@ impl StudyFolder {
     fn of(plan: Plan, cells: Vec<CellSettings>, path: &Path) -> Self {
         let ids = cells.iter().map(CellSettings::id).collect();
         Self { path: path.to_path_buf(), plan, cells, ids }
+    }
+
+    /// Whether a folder holds a study.
+    pub fn is_at(path: &Path) -> bool {
+        path.join(PLAN).is_file()
     }
 
     /// The folder.

@@ -19,20 +19,13 @@ use crate::studio::state::window_layout::VisiblePanel;
 /// The default layout: mask and lenslets above object, measurement and reconstruction; numbers on the right.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
-    let above = row(&mut tiles, &[(Pane::Mask, 1.0), (Pane::Lenslets, 1.07)]);
+    let (mask, beside) = (tab(&mut tiles, &[Pane::Mask]), tab(&mut tiles, &[Pane::Lenslets, Pane::Studies]));
+    let above = shared(&mut tiles, LinearDir::Horizontal, &[(mask, 1.0), (beside, 1.07)]);
     let below = row(&mut tiles, &[(Pane::Object, 1.0), (Pane::Measurement, 1.0), (Pane::Reconstruction, 1.0)]);
     let left = shared(&mut tiles, LinearDir::Vertical, &[(above, 1.15), (below, 1.0)]);
     let information = tab(&mut tiles, &[Pane::Information]);
-    let others = [
-        Pane::Scene,
-        Pane::Optimize,
-        Pane::Estimates,
-        Pane::Compare,
-        Pane::InformationMap,
-        Pane::Mtf,
-        Pane::History,
-        Pane::Studies,
-    ];
+    let others =
+        [Pane::Scene, Pane::Optimize, Pane::Estimates, Pane::Compare, Pane::InformationMap, Pane::Mtf, Pane::History];
     let others = tab(&mut tiles, &others);
     let right = shared(&mut tiles, LinearDir::Vertical, &[(information, 1.3), (others, 1.0)]);
     let root = shared(&mut tiles, LinearDir::Horizontal, &[(left, 2.5), (right, 1.15)]);

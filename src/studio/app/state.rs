@@ -175,6 +175,11 @@ impl State {
         self.reconstructions = self.session.reconstructions();
         self.trainings = self.session.trainings();
         self.study = self.session.study();
+        if let Some(open) = &self.study.open
+            && self.preferences.study.as_deref() != Some(open.folder.path())
+        {
+            self.preferences.study = Some(open.folder.path().to_path_buf());
+        }
         self.capture = self.session.capture();
         // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == self.session.revision() && !self.session.is_previewing();

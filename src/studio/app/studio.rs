@@ -10,6 +10,7 @@ use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
+use crate::studies::plans::StudyFolder;
 use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
 use crate::studio::app::repaint_throttle::RepaintThrottle;
@@ -137,6 +138,12 @@ impl Studio {
             self.state.messages.push(Severity::Failure, error.to_string());
         }
         self.keep_runs(folder);
+        // A folder that was moved away is no reason for a message.
+        let study = self.state.preferences.study.clone().filter(|study| StudyFolder::is_at(study));
+        if let Some(study) = study {
+            let opened = self.state.session.open_study(None, study);
+            self.state.report(opened);
+        }
     }
 
     /// Stores nothing but unsaved changes, if a folder was chosen for them.

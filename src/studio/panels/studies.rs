@@ -54,16 +54,13 @@ fn form(ui: &mut Ui, state: &mut StudiesState, requests: &mut Vec<Request>) {
     let response = ComboBox::from_id_salt("plan")
         .selected_text(if state.from_file.is_some() { format!("{name} (file)") } else { name })
         .width(96.0)
+        .height(320.0)
         .show_ui(ui, |ui| {
             for (index, named) in state.named.iter().enumerate() {
                 let is_chosen = state.from_file.is_none() && state.chosen == index;
                 if ui.selectable_label(is_chosen, &named.plan.name).on_hover_text(named.question).clicked() {
                     (state.chosen, state.from_file) = (index, None);
                 }
-            }
-            ui.separator();
-            if ui.button("Plan file...").on_hover_text("A TOML file, as study plan NAME prints it").clicked() {
-                requests.push(Request::AskPath(PathPurpose::OpenPlan));
             }
         })
         .response;
@@ -81,6 +78,11 @@ fn form(ui: &mut Ui, state: &mut StudiesState, requests: &mut Vec<Request>) {
             Ok(plan) => requests.push(Request::AskPath(PathPurpose::NewStudy(Box::new(plan)))),
             Err(sentence) => requests.push(Request::Study(StudyRequest::Refused(sentence))),
         }
+    }
+    let file = ui.button("Plan file...").on_hover_text("A TOML file, as study plan NAME prints it");
+    name_widget(&file, "Open plan");
+    if file.clicked() {
+        requests.push(Request::AskPath(PathPurpose::OpenPlan));
     }
     let open = ui.button("Open folder...").on_hover_text("Opens a study, also one that a cluster fills");
     name_widget(&open, "Open study");

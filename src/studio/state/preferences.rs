@@ -41,6 +41,8 @@ pub struct Preferences {
     pub engine: EngineChoice,
     /// Folder of unsaved changes, instead of the default one.
     pub unsaved: Option<PathBuf>,
+    /// Folder of the last study, which is opened again.
+    pub study: Option<PathBuf>,
 }
 
 impl Default for Preferences {
@@ -57,6 +59,7 @@ impl Default for Preferences {
             threads: None,
             engine: EngineChoice::default(),
             unsaved: None,
+            study: None,
         }
     }
 }
@@ -77,6 +80,7 @@ impl Preferences {
         let mut storable = self.clone();
         storable.recent.retain(is_text);
         storable.unsaved = storable.unsaved.filter(is_text);
+        storable.study = storable.study.filter(is_text);
         storable
     }
 }

@@ -1,7 +1,6 @@
 //! The study of a session.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use crate::forward::Design;
 use crate::studies::plans::{CellState, Plan, StudyMask};
@@ -14,7 +13,7 @@ impl Session {
     /// # Errors
     /// One sentence where a study is running.
     pub fn open_study(&self, plan: Option<Plan>, path: PathBuf) -> Result<(), String> {
-        self.study.open(plan, path)
+        self.study.open(plan, std::path::absolute(&path).unwrap_or(path))
     }
 
     /// Computes the cells of the open study that have no result.
@@ -57,11 +56,5 @@ impl Session {
             }
             StudyMask::Ideal { .. } => Err("the mask of this cell is not designed yet".into()),
         }
-    }
-
-    /// The folder of the open study.
-    pub fn study_folder(&self) -> Option<PathBuf> {
-        let open = self.study.view().open?;
-        Some(Arc::clone(&open.folder).path().to_path_buf())
     }
 }
