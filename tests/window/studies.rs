@@ -75,7 +75,7 @@ fn a_plan_fills_its_cells_and_its_plot() {
     assert_eq!((lenslets(&window).len(), design.objects.to_string().as_str()), (2, "beads:0.05"));
     // Plot and table are written.
     for (entry, file, beginning) in [("Plot...", "plot.svg", "<svg"), ("Table...", "table.csv", "id,objects,mask")] {
-        click(&mut window, "Export");
+        click(&mut window, "Export study");
         click(&mut window, entry);
         let file = place.path().join(file);
         answer(&mut window, &file, "Export");

@@ -148,7 +148,7 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
             let response = ui.selectable_value(&mut state.cells, cells, text);
             name_widget(&response, name);
         }
-        ui.menu_button("Export", |ui| {
+        let export = ui.menu_button("Export", |ui| {
             for (text, purpose) in [
                 ("Plot...", PathPurpose::ExportStudyPlot(open.figure.clone())),
                 ("Table...", PathPurpose::ExportStudyTable(open.clone())),
@@ -158,6 +158,7 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
                 }
             }
         });
+        name_widget(&export.response, "Export study");
         let panels = &open.figure.panels;
         state.panel = state.panel.min(panels.len().saturating_sub(1));
         if panels.len() > 1 && !state.cells {
