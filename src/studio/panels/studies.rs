@@ -144,8 +144,16 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
                 requests.push(Request::Study(StudyRequest::Open(open.folder.path().to_path_buf())));
             }
         }
-        for (cells, text, name) in [(false, "Plot", "Show study plot"), (true, "Cells", "Show study cells")] {
-            let response = ui.selectable_value(&mut state.cells, cells, text);
+        for (cells, text, name, hint) in [
+            (
+                false,
+                "Plot",
+                "Show study plot",
+                "Lines: estimates. Dashed: lower bounds. Circles: published values. Stars: optima. A click opens a design",
+            ),
+            (true, "Cells", "Show study cells", "One square for each cell. A click opens its design"),
+        ] {
+            let response = ui.selectable_value(&mut state.cells, cells, text).on_hover_text(hint);
             name_widget(&response, name);
         }
         let export = ui.menu_button("Export", |ui| {
