@@ -11,11 +11,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let background = 10.0;
     let model = ForwardModel::new(set, (12, 12), background, Noise::Shot)?;
     // Centre (x, y) and width in px, and weight.
-    let start = LensletArray {
-        rows: 12,
-        cols: 12,
-        lenslets: vec![Lenslet::round(3.0, 4.0, 1.6, 0.7), Lenslet::round(8.0, 7.5, 1.2, 0.3)],
-    };
+    let start = LensletArray::new(12, 12, vec![Lenslet::round(3.0, 4.0, 1.6, 0.7), Lenslet::round(8.0, 7.5, 1.2, 0.3)]);
 
     let settings = IdealSettings {
         steps: 12,

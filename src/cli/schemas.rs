@@ -13,6 +13,7 @@ use super::{bounds, export, optimize, reproduce, simulate, tamura};
 use crate::design::IdealSettings;
 use crate::forward::Design;
 use crate::information::Estimate;
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::studies::plans::CellRecord;
 use crate::studies::{DecoderStudyRecord, StudyRecord};
 use crate::workbench::{IdealRecord, LiveRecord};
@@ -61,11 +62,14 @@ fn shorten(schema: &mut Value) {
     }
 }
 
+/// Versions of files that hold masks: 2 where a throughput is not 1.
+const WITH_MASKS: &[u64] = &[1, MASK_DOCUMENT_VERSION];
+
 /// The schema of a file of a kind, with the two entries that such a file begins with.
-fn of_kind(mut page: Page, format: &str) -> Page {
+fn of_kind(mut page: Page, format: &str, versions: &[u64]) -> Page {
     let schema = &mut page.schema;
     schema["properties"]["format"] = json!({"const": format, "description": "The kind of the file."});
-    schema["properties"]["format_version"] = json!({"const": 1, "description": "Version of the entries."});
+    schema["properties"]["format_version"] = json!({"enum": versions, "description": "Version of the entries."});
     if let Some(Value::Array(required)) = schema.get_mut("required") {
         required.retain(|name| name != "format" && name != "format_version");
         required.splice(0..0, [json!("format"), json!("format_version")]);
@@ -76,18 +80,24 @@ fn of_kind(mut page: Page, format: &str) -> Page {
 fn pages() -> Vec<Page> {
     let design = page::<DesignFile>("design", "A design", SchemaSettings::draft2020_12().for_deserialize());
     vec![
-        of_kind(design, "lenslet-studio/design"),
-        of_kind(written::<Estimate>("estimate", "The JSON of estimate"), "lenslet-studio/estimate"),
-        of_kind(written::<CellRecord>("study-cell", "A cell of a study"), "lenslet-studio/study-cell"),
-        of_kind(written::<StudyRecord>("study", "study.json, the comparison of a run"), "lenslet-studio/study"),
+        of_kind(design, "lenslet-studio/design", WITH_MASKS),
+        of_kind(written::<Estimate>("estimate", "The JSON of estimate"), "lenslet-studio/estimate", &[1]),
+        of_kind(written::<CellRecord>("study-cell", "A cell of a study"), "lenslet-studio/study-cell", &[1]),
+        of_kind(
+            written::<StudyRecord>("study", "study.json, the comparison of a run"),
+            "lenslet-studio/study",
+            WITH_MASKS,
+        ),
         of_kind(
             written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
             "lenslet-studio/decoder-study",
+            WITH_MASKS,
         ),
-        of_kind(written::<IdealRecord>("run", "run.json, the record of a run"), "lenslet-studio/ideal"),
+        of_kind(written::<IdealRecord>("run", "run.json, the record of a run"), "lenslet-studio/ideal", WITH_MASKS),
         of_kind(
             written::<LiveRecord>("live-estimate", "The record of a live estimate"),
             "lenslet-studio/live-estimate",
+            WITH_MASKS,
         ),
         written::<IdealSettings>("optimize-config", "The JSON of optimize --print-config"),
         written::<export::Exported>("export-output", "The JSON of export"),

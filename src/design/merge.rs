@@ -149,7 +149,7 @@ mod tests {
     #[test]
     fn merging_repeats_until_no_pair_coincides() {
         let at = |x: f64| Lenslet::round(x, 5.0, 1.0, 1.0);
-        let array = LensletArray { rows: 10, cols: 10, lenslets: [5.0, 5.4, 5.2, 5.34].map(at).to_vec() };
+        let array = LensletArray::new(10, 10, [5.0, 5.4, 5.2, 5.34].map(at).to_vec());
         let [one] = &merged(&array).lenslets[..] else { panic!("one lenslet") };
         assert!((one.x - 5.235).abs() < 1e-12 && (one.weight - 1.0).abs() < 1e-12, "{one:?}");
     }
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn many_lenslets_are_not_dark_beside_brighter_ones() {
         let lenslet = |index: usize| Lenslet::round((index % 40) as f64, (index / 40) as f64, 1.0, 1.0);
-        let mut array = LensletArray { rows: 50, cols: 40, lenslets: (0..2000).map(lenslet).collect() };
+        let mut array = LensletArray::new(50, 40, (0..2000).map(lenslet).collect());
         for lenslet in &mut array.lenslets[..10] {
             lenslet.weight = 3.0;
         }

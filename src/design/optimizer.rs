@@ -392,7 +392,7 @@ mod tests {
 
     /// One lenslet and a small sensor, with one step in every round.
     pub(super) fn small<'a>(forward: &'a ForwardModel, settings: &IdealSettings) -> IdealOptimizer<'a> {
-        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let start = LensletArray::new(12, 12, vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)]);
         let settings = IdealSettings { refit_every: 1, ..settings.clone() };
         IdealOptimizer::new(forward, &start, Limits::default(), settings).unwrap()
     }
@@ -405,7 +405,7 @@ mod tests {
 
     /// A short run by the decoder objective with one step in every round.
     pub(super) fn short<'a>(forward: &'a ForwardModel, lenslets: &[Lenslet], steps: usize) -> IdealOptimizer<'a> {
-        let start = LensletArray { rows: 16, cols: 16, lenslets: lenslets.to_vec() };
+        let start = LensletArray::new(16, 16, lenslets.to_vec());
         let settings = IdealSettings {
             patch: Some((16, 16)),
             refit_every: 1,
@@ -444,7 +444,7 @@ mod tests {
         };
         let lenslet =
             |index: usize| Lenslet::round(2.0 + (index % 3) as f64 * 3.0, 2.0 + (index / 3) as f64 * 3.0, 1.0, 1.0);
-        let start = LensletArray { rows: 12, cols: 12, lenslets: (0..9).map(lenslet).collect() };
+        let start = LensletArray::new(12, 12, (0..9).map(lenslet).collect());
         let begun = || IdealOptimizer::new(&forward, &start, Limits::default(), settings.clone()).unwrap();
         let mut ideal = begun();
         ideal.advance(&mut CancelToken::new()).unwrap();

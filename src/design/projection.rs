@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn faint_lenslet_gives_way_to_a_bright_one() {
         let at = |x: f64, weight: f64| Lenslet::round(x, 15.0, 1.0, weight);
-        let mut array = LensletArray { rows: 32, cols: 32, lenslets: vec![at(15.0, 1.0), at(16.0, 1e-5)] };
+        let mut array = LensletArray::new(32, 32, vec![at(15.0, 1.0), at(16.0, 1e-5)]);
         project(&mut array, &IdealSettings { min_separation_px: 4.0, ..settings() }, &Limits::default());
         let [bright, faint] = [array.lenslets[0].x, array.lenslets[1].x];
         assert!((bright - 15.0).abs() < 1e-4 && (faint - bright - 4.0).abs() < 1e-6, "{bright} {faint}");

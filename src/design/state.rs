@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn gain_is_confirmed_by_lower_bounds_alone() {
-        let array = LensletArray { rows: 32, cols: 32, lenslets: Vec::new() };
+        let array = LensletArray::new(32, 32, Vec::new());
         let checkpoint = |bits_per_pixel: f64, lower: Option<f64>| {
             let around = |bits: f64| [bits - 0.01, bits + 0.01];
             let lower = lower.map(|bits| PretrainedLowerBound {

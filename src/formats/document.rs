@@ -78,6 +78,12 @@ impl DocumentKind {
         Self { format, version: 1, name, was_unmarked: true }
     }
 
+    /// The kind with another version: the newest that is read, and the one written.
+    #[must_use]
+    pub const fn at_version(self, version: u64) -> Self {
+        Self { version, ..self }
+    }
+
     /// Version of a document of this kind. It is 0 for a document without the two entries, where the kind once had none.
     ///
     /// # Errors

@@ -8,7 +8,9 @@ use thiserror::Error;
 
 use crate::formats::{CompleteFile, DocumentKind, FormatError, Mismatch, read_json};
 use crate::objects::ObjectSource;
-use crate::optics::{Diffuser, Encoder, Lenslet, LensletError, Limits, heuristic_layout};
+use crate::optics::{
+    Diffuser, Encoder, Lenslet, LensletError, Limits, MASK_DOCUMENT_VERSION, heuristic_layout, mask_document_version,
+};
 use crate::sensor::{DEFAULT_BIAS, Noise};
 
 /// A design: mask, objects, sensor, and the seed of every random draw.
@@ -89,14 +91,12 @@ impl Design {
     /// # Errors
     /// [`DesignError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), DesignError> {
-        match &self.encoder {
-            Encoder::Lenslets(array) => array.check()?,
-            Encoder::Diffuser(diffuser) if !(1..=Diffuser::GRID).contains(&diffuser.aperture_px) => {
-                let expected = "1 to 32 pixels";
-                return Err(DesignError::Setting { name: "aperture_px", found: diffuser.aperture_px as f64, expected });
-            }
-            // An image was checked when it was made.
-            Encoder::Diffuser(_) | Encoder::Image(_) => {}
+        self.encoder.check()?;
+        if let Encoder::Diffuser(Diffuser { aperture_px, .. }) = self.encoder
+            && !(1..=Diffuser::GRID).contains(&aperture_px)
+        {
+            let expected = "1 to 32 pixels";
+            return Err(DesignError::Setting { name: "aperture_px", found: aperture_px as f64, expected });
         }
         if !(self.mean_photons > 0.0 && self.mean_photons <= Self::MAX_PHOTONS) {
             let expected = "more than 0 and at most 1e7 photons per pixel";
@@ -176,7 +176,7 @@ impl Design {
     pub fn complete_file(&self, path: &Path) -> Result<CompleteFile, DesignFileError> {
         let psf = self.psf(1)?;
         let written = (psf.len() <= MOST_PSF_NUMBERS).then(|| rows_of(&psf));
-        Ok(DESIGN.complete(path, &DesignFile { design: self, psf: written })?)
+        Ok(self.kind().complete(path, &DesignFile { design: self, psf: written })?)
     }
 
     /// The text of a design file on one line, without the PSF.
@@ -185,13 +185,18 @@ impl Design {
     /// [`DesignFileError`] where the design cannot be computed.
     pub fn to_json(&self) -> Result<String, DesignFileError> {
         self.check()?;
-        serde_json::to_string(&DESIGN.marked(&DesignFile { design: self, psf: None })).map_err(|error| {
+        serde_json::to_string(&self.kind().marked(&DesignFile { design: self, psf: None })).map_err(|error| {
             DesignFileError::Refused {
                 path: "the design".into(),
                 found: error.to_string(),
                 advice: "correct the entry",
             }
         })
+    }
+
+    /// The kind of its file, in the version that is written.
+    fn kind(&self) -> DocumentKind {
+        DESIGN.at_version(mask_document_version([self.encoder.throughput()]))
     }
 
     /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all focal planes of the lenslets.
@@ -219,7 +224,7 @@ fn wrong_lenslet(design: &serde_json::Value) -> Option<String> {
 }
 
 /// The kind of the file.
-const DESIGN: DocumentKind = DocumentKind::new("lenslet-studio/design", "a design");
+const DESIGN: DocumentKind = DocumentKind::new("lenslet-studio/design", "a design").at_version(MASK_DOCUMENT_VERSION);
 /// Largest number of PSF values in a design file.
 const MOST_PSF_NUMBERS: usize = 1 << 20;
 
@@ -246,7 +251,7 @@ pub enum DesignFileError {
     #[error(transparent)]
     Design(#[from] DesignError),
     /// The file is JSON, but not a design that this version knows.
-    #[error("{path}: expected a Lenslet Studio design of version 1, found {found}; {advice}")]
+    #[error("{path}: expected a Lenslet Studio design of version 1 or 2, found {found}; {advice}")]
     Refused {
         /// The file.
         path: String,

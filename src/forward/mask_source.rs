@@ -18,6 +18,8 @@ use crate::optics::{
 
 const CHOICES: &str =
     "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE, or design:FILE";
+/// Depth planes of a volume where the name of the mask has none.
+const DEPTH_PLANES: usize = 5;
 
 /// A mask by its name. Each variant gives its text form (`Display`, `FromStr`, serde).
 ///
@@ -36,9 +38,15 @@ pub enum MaskSource {
     Heuristic(usize),
     /// `random:25`: lenslets at random places, drawn with the seed of the design.
     Random(usize),
-    /// `depth:5`: 1 to 5 lenslets, each in focus at its own depth plane.
-    Depth(usize),
-    /// `diffuser:32`: a diffuser behind a square aperture of this side in pixels, drawn with the seed of the design.
+    /// `depth:3`: 1 to 5 lenslets, each in focus at its own depth plane; see [`depth_layout`].
+    Depth {
+        /// Number of lenslets, and throughput of the mask.
+        count: usize,
+        /// Depth planes of the objects, 1 to 5: `depth:3:2` is for two planes, `depth:3` for five.
+        planes: usize,
+    },
+    /// `diffuser:32`: a diffuser behind a square aperture of this side in pixels, drawn with the seed of the design. The
+    /// aperture blocks the light outside.
     Diffuser(usize),
     /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`).
     Psf(PathBuf, Option<usize>),
@@ -103,14 +111,18 @@ impl MaskSource {
         let wrong = || refused(CHOICES.to_owned());
         let (kind, path) = split_kind(text).ok_or_else(wrong)?;
         let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
-        let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
+        let number = |text: &str, range: RangeInclusive<usize>| match text.parse::<usize>() {
             Ok(count) if range.contains(&count) => Ok(count),
             _ => Err(refused(format!("{} to {} after {kind}:", range.start(), range.end()))),
         };
+        let count = |range| number(&rest, range);
         Ok(match kind {
             "heuristic" => Self::Heuristic(count(1..=9)?),
             "random" => Self::Random(count(1..=LensletArray::MAX_LENSLETS)?),
-            "depth" => Self::Depth(count(1..=5)?),
+            "depth" => {
+                let (count, planes) = rest.split_once(':').unwrap_or((&rest, "5"));
+                Self::Depth { count: number(count, 1..=DEPTH_PLANES)?, planes: number(planes, 1..=DEPTH_PLANES)? }
+            }
             "diffuser" => Self::Diffuser(count(1..=Diffuser::GRID)?),
             "psf" if is_named => psf_file(&path).map(|(path, side)| Self::Psf(path, side))?,
             "fit" if is_named => psf_file(&path).map(|(path, side)| Self::Fit(path, side))?,
@@ -153,7 +165,7 @@ impl MaskSource {
                 Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
             }
             Self::Design(path) => Some(path.clone()),
-            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
+            Self::Heuristic(_) | Self::Random(_) | Self::Depth { .. } | Self::Diffuser(_) => None,
         }
     }
 
@@ -166,8 +178,8 @@ impl MaskSource {
         match self {
             Self::Heuristic(count) => made(Encoder::Lenslets(heuristic_layout(*count))),
             Self::Random(count) => made(Encoder::Lenslets(random_layout(*count, seed))),
-            Self::Depth(count) => made(Encoder::Lenslets(depth_layout(*count))),
-            Self::Diffuser(aperture_px) => made(Encoder::Diffuser(Diffuser { aperture_px: *aperture_px, seed })),
+            Self::Depth { count, planes } => made(Encoder::Lenslets(depth_layout(*count, *planes))),
+            Self::Diffuser(aperture_px) => made(Encoder::Diffuser(Diffuser::behind_aperture(*aperture_px, seed))),
             Self::Design(path) => made(Design::open(path)?.encoder),
             Self::Psf(path, side) => image_of(path, *side),
             Self::Fit(path, side) => {
@@ -218,7 +230,8 @@ impl fmt::Display for MaskSource {
         match self {
             Self::Heuristic(count) => write!(f, "heuristic:{count}"),
             Self::Random(count) => write!(f, "random:{count}"),
-            Self::Depth(count) => write!(f, "depth:{count}"),
+            Self::Depth { count, planes: DEPTH_PLANES } => write!(f, "depth:{count}"),
+            Self::Depth { count, planes } => write!(f, "depth:{count}:{planes}"),
             Self::Diffuser(aperture) => write!(f, "diffuser:{aperture}"),
             Self::Psf(path, side) => image(f, "psf", path, side),
             Self::Fit(path, side) => image(f, "fit", path, side),
@@ -239,13 +252,27 @@ mod tests {
             ("psf:a/b.npy", MaskSource::Psf("a/b.npy".into(), None)),
             ("psf:me@lab/psf.npy", MaskSource::Psf("me@lab/psf.npy".into(), None)),
             ("psf:a@b.png@48", MaskSource::Psf("a@b.png".into(), Some(48))),
+            ("depth:3", MaskSource::Depth { count: 3, planes: 5 }),
+            ("depth:3:2", MaskSource::Depth { count: 3, planes: 2 }),
             ("diffuser:16", MaskSource::Diffuser(16)),
             ("design:a.json", MaskSource::Design("a.json".into())),
         ] {
             assert_eq!(text.parse::<MaskSource>().unwrap(), expected);
             assert_eq!(expected.to_string(), text);
         }
-        for wrong in ["", "9", "heuristic:0", "heuristic:10", "random:x", "psf:", "psf:a@0", "lens:1"] {
+        for wrong in [
+            "",
+            "9",
+            "heuristic:0",
+            "heuristic:10",
+            "depth:6",
+            "depth:1:0",
+            "depth:1:",
+            "random:x",
+            "psf:",
+            "psf:a@0",
+            "lens:1",
+        ] {
             assert!(wrong.parse::<MaskSource>().is_err(), "{wrong}");
         }
     }

@@ -4,6 +4,9 @@
 //! gradient times distance. Light concentrates in caustic lines where the map from mask to sensor folds. The surface is
 //! Gaussian-filtered white noise on a periodic tile, the usual model of an off-the-shelf Gaussian diffuser. The published
 //! diffuser is a photograph that is not public. So this one is of the same kind but has other pixels.
+//!
+//! An aperture blocks the light outside: the border of one caustic is dark. Its throughput is the share of the light
+//! inside, unless the mask keeps the light.
 
 use ndarray::{Array2, s};
 use rand::SeedableRng;
@@ -11,21 +14,34 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
+use super::throughput::{LEAST_THROUGHPUT, is_unit, unit};
+
 /// Sides in pixels of the published square apertures, from none ("huge") to the smallest.
 pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
 
 /// A diffuser on a 32x32 PSF grid.
+///
+/// ```
+/// use lenslet_studio::optics::Diffuser;
+///
+/// let blocking = Diffuser::behind_aperture(16, 1);
+/// assert!(blocking.throughput < 0.5);
+/// assert_eq!(Diffuser::with_light_kept(16, 1).throughput, 1.0);
+/// ```
 #[allow(
     clippy::unsafe_derive_deserialize,
     reason = "the unsafe code is in ndarray's slicing macro, not in an invariant"
 )]
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Diffuser {
     /// Side of the square, centred aperture in pixels, 1 to 32.
     pub aperture_px: usize,
     /// Seed of the surface. The same seed gives the same surface behind every aperture.
     pub seed: u64,
+    /// Sum of the PSF, more than 0 and at most 1; 1 (the light is kept) where absent.
+    #[serde(default = "unit", skip_serializing_if = "is_unit")]
+    pub throughput: f64,
 }
 
 impl Diffuser {
@@ -38,16 +54,36 @@ impl Diffuser {
     /// Root mean square of the curvature times the distance to the sensor. At 1 most bumps focus near the sensor.
     const FOCUS: f64 = 1.0;
 
-    /// Renders the PSF, shape (32, 32), sum 1. An aperture outside 1 to 32 px is clamped.
+    /// A diffuser behind an aperture of `aperture_px` x `aperture_px` pixels that blocks the light outside: its throughput
+    /// is the share of the caustic's light inside the aperture.
+    pub fn behind_aperture(aperture_px: usize, seed: u64) -> Self {
+        let kept = Self::with_light_kept(aperture_px, seed);
+        let caustic = kept.caustic();
+        // A seed whose aperture is dark is not known; the least throughput keeps the mask valid.
+        let share = (kept.open(&caustic).sum() / caustic.sum()).max(LEAST_THROUGHPUT);
+        Self { throughput: share, ..kept }
+    }
+
+    /// A diffuser whose light passes through the aperture as a whole: throughput 1.
+    pub fn with_light_kept(aperture_px: usize, seed: u64) -> Self {
+        Self { aperture_px, seed, throughput: 1.0 }
+    }
+
+    /// Renders the PSF, shape (32, 32). Its sum is the throughput. An aperture outside 1 to 32 px is clamped.
     pub fn render(self) -> Array2<f64> {
-        let field = self.caustic();
+        let psf = self.open(&self.caustic());
+        let sum = psf.sum();
+        psf / sum * self.throughput
+    }
+
+    /// The light inside the aperture, and zeros around it.
+    fn open(self, caustic: &Array2<f64>) -> Array2<f64> {
         let aperture = self.aperture_px.clamp(1, Self::GRID);
         let start = (Self::GRID - aperture) / 2;
-        let mut psf = Array2::zeros((Self::GRID, Self::GRID));
+        let mut inside = Array2::zeros((Self::GRID, Self::GRID));
         let open = s![start..start + aperture, start..start + aperture];
-        psf.slice_mut(open).assign(&field.slice(open));
-        let sum = psf.sum();
-        psf / sum
+        inside.slice_mut(open).assign(&caustic.slice(open));
+        inside
     }
 
     /// Light on the whole periodic tile, unnormalised.
@@ -125,9 +161,9 @@ mod tests {
 
     #[test]
     fn every_aperture_shows_the_middle_of_the_same_caustic() {
-        let huge = Diffuser { aperture_px: 32, seed: 5 }.render();
+        let huge = Diffuser::with_light_kept(32, 5).render();
         for aperture in DIFFUSER_APERTURES {
-            let psf = Diffuser { aperture_px: aperture, seed: 5 }.render();
+            let psf = Diffuser::with_light_kept(aperture, 5).render();
             assert!((psf.sum() - 1.0).abs() < 1e-12);
             assert!(psf.iter().filter(|&&h| h > 0.0).count() <= aperture * aperture);
             let ratio = psf[(16, 16)] / psf[(15, 14)];
@@ -136,9 +172,30 @@ mod tests {
     }
 
     #[test]
+    fn apertures_darken_the_border_and_nothing_else() {
+        let huge = Diffuser::behind_aperture(32, 5);
+        assert_eq!(huge, Diffuser::with_light_kept(32, 5), "the whole caustic is the whole light");
+        let caustic = huge.render();
+        let mut before = f64::INFINITY;
+        for aperture in DIFFUSER_APERTURES {
+            let diffuser = Diffuser::behind_aperture(aperture, 5);
+            let psf = diffuser.render();
+            let border = (32 - aperture) / 2;
+            let inside = border..32 - border;
+            for ((row, col), &light) in caustic.indexed_iter() {
+                let expected = if inside.contains(&row) && inside.contains(&col) { light } else { 0.0 };
+                assert!((psf[(row, col)] - expected).abs() < 1e-15, "{aperture} px: row {row}, column {col}");
+            }
+            assert!((psf.sum() - diffuser.throughput).abs() < 1e-12 && diffuser.throughput < before);
+            before = diffuser.throughput;
+        }
+        assert!((0.02..0.15).contains(&before), "8 px of 32 px: {before}");
+    }
+
+    #[test]
     fn light_piles_up_in_caustics() {
         for seed in 0..4 {
-            let psf = Diffuser { aperture_px: 32, seed }.render();
+            let psf = Diffuser::with_light_kept(32, seed).render();
             let mean = psf.mean().unwrap();
             let peak = psf.iter().copied().fold(0.0, f64::max);
             let dark = psf.iter().filter(|&&h| h < 0.5 * mean).count() as f64 / 1024.0;

@@ -7,6 +7,7 @@ use super::diffuser::Diffuser;
 use super::import::{PsfError, normalised_psf};
 use super::lenslets::{LensletArray, LensletError};
 use super::psf::render_psf;
+use super::throughput::{OF_APERTURES, is_unit, unit};
 
 use crate::plural::counted;
 
@@ -38,15 +39,35 @@ pub enum Encoder {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
 pub struct PsfImage {
-    /// Shape (rows, cols), not negative, sum 1.
+    /// The kernel, shape (rows, cols), not negative, sum 1.
     pub psf: Array2<f32>,
+    /// Sum of the PSF, more than 0 and at most 1.
+    pub throughput: f64,
     /// File name, or another name.
     pub origin: String,
 }
 
 impl Encoder {
-    /// PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to 1 over all planes of the encoder.
-    /// Diffusers and images focus on the first plane only.
+    /// Checks that the encoder can be rendered and that its throughput is in its range. An image was checked when it was
+    /// made.
+    ///
+    /// # Errors
+    /// [`LensletError`] names what is wrong.
+    pub fn check(&self) -> Result<(), LensletError> {
+        match self {
+            Self::Lenslets(array) => array.check(),
+            Self::Diffuser(Diffuser { throughput, .. }) | Self::Image(PsfImage { throughput, .. }) => {
+                if OF_APERTURES.contains(throughput) {
+                    Ok(())
+                } else {
+                    Err(LensletError::Throughput { found: *throughput, most: *OF_APERTURES.end() })
+                }
+            }
+        }
+    }
+
+    /// PSF for scenes of `planes` depth planes, shape (planes, rows, cols). It sums to the throughput over all planes of the
+    /// encoder. Diffusers and images focus on the first plane only.
     ///
     /// # Errors
     /// [`LensletError`] where a lenslet array cannot be rendered.
@@ -60,7 +81,7 @@ impl Encoder {
         match self {
             Self::Lenslets(array) => render_psf(array, planes),
             Self::Diffuser(diffuser) => Ok(on_first_plane(diffuser.render())),
-            Self::Image(image) => Ok(on_first_plane(image.psf.map(|&value| f64::from(value)))),
+            Self::Image(image) => Ok(on_first_plane(image.psf.map(|&value| f64::from(value) * image.throughput))),
         }
     }
 
@@ -73,6 +94,26 @@ impl Encoder {
         }
     }
 
+    /// Throughput: the sum of the PSF over all planes of the encoder.
+    pub fn throughput(&self) -> f64 {
+        match self {
+            Self::Lenslets(array) => array.throughput,
+            Self::Diffuser(diffuser) => diffuser.throughput,
+            Self::Image(image) => image.throughput,
+        }
+    }
+
+    /// The encoder with another throughput.
+    #[must_use]
+    pub fn with_throughput(mut self, throughput: f64) -> Self {
+        match &mut self {
+            Self::Lenslets(array) => array.throughput = throughput,
+            Self::Diffuser(diffuser) => diffuser.throughput = throughput,
+            Self::Image(image) => image.throughput = throughput,
+        }
+        self
+    }
+
     /// The lenslets, if the encoder has any.
     pub fn lenslets(&self) -> Option<&LensletArray> {
         match self {
@@ -81,8 +122,13 @@ impl Encoder {
         }
     }
 
-    /// Description in one line.
+    /// Description in one line, with the throughput where it is not 1.
     pub fn describe(&self) -> String {
+        let mask = self.describe_mask();
+        if is_unit(&self.throughput()) { mask } else { format!("{mask}, throughput {}", rounded(self.throughput())) }
+    }
+
+    fn describe_mask(&self) -> String {
         match self {
             Self::Lenslets(array) => counted(array.lenslets.len(), "lenslet"),
             Self::Diffuser(diffuser) => {
@@ -93,6 +139,12 @@ impl Encoder {
     }
 }
 
+/// A throughput rounded to three significant digits.
+fn rounded(throughput: f64) -> f64 {
+    let scale = 10_f64.powf(2.0 - throughput.log10().floor());
+    (throughput * scale).round() / scale
+}
+
 /// JSON form of a PSF image: rows of numbers.
 #[derive(Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -101,11 +153,15 @@ struct PsfImageRecord {
     origin: String,
     /// Rows of numbers, not negative. Opening scales them to sum 1.
     psf: Vec<Vec<f32>>,
+    /// Sum of the PSF after this scaling, more than 0 and at most 1; 1 where absent.
+    #[serde(default = "unit", skip_serializing_if = "is_unit")]
+    throughput: f64,
 }
 
 impl From<PsfImage> for PsfImageRecord {
     fn from(image: PsfImage) -> Self {
-        Self { origin: image.origin, psf: image.psf.rows().into_iter().map(|row| row.to_vec()).collect() }
+        let psf = image.psf.rows().into_iter().map(|row| row.to_vec()).collect();
+        Self { origin: image.origin, psf, throughput: image.throughput }
     }
 }
 
@@ -121,7 +177,7 @@ impl TryFrom<PsfImageRecord> for PsfImage {
         let values = record.psf.into_iter().flatten().collect();
         let image = Array2::from_shape_vec((rows, cols), values).map_err(|error| error.to_string())?;
         let psf = normalised_psf(image, &record.origin).map_err(|error: PsfError| error.to_string())?;
-        Ok(Self { psf, origin: record.origin })
+        Ok(Self { psf, origin: record.origin, throughput: record.throughput })
     }
 }
 
@@ -136,14 +192,35 @@ mod tests {
         let psf = normalised_psf(image, "x").unwrap();
         for encoder in [
             Encoder::Lenslets(heuristic_layout(9)),
-            Encoder::Diffuser(Diffuser { aperture_px: 16, seed: 3 }),
-            Encoder::Image(PsfImage { psf, origin: "camera.tiff".into() }),
+            Encoder::Diffuser(Diffuser::with_light_kept(16, 3)),
+            Encoder::Image(PsfImage { psf, origin: "camera.tiff".into(), throughput: 1.0 }),
         ] {
-            let text = serde_json::to_string_pretty(&encoder).unwrap();
-            let back: Encoder = serde_json::from_str(&text).unwrap();
-            assert_eq!(back, encoder);
-            assert_eq!(back.psf(2).unwrap(), encoder.psf(2).unwrap());
-            assert!((encoder.psf(1).unwrap().sum() - 1.0).abs() < 1e-6);
+            for throughput in [1.0, 0.3] {
+                let encoder = encoder.clone().with_throughput(throughput);
+                let text = serde_json::to_string_pretty(&encoder).unwrap();
+                let back: Encoder = serde_json::from_str(&text).unwrap();
+                assert_eq!(back, encoder);
+                assert_eq!(back.psf(2).unwrap(), encoder.psf(2).unwrap());
+                assert!((encoder.psf(1).unwrap().sum() - throughput).abs() < 1e-6);
+                assert_eq!(text.contains("throughput"), throughput < 1.0, "{text}");
+                assert_eq!(encoder.describe().ends_with(", throughput 0.3"), throughput < 1.0);
+            }
+        }
+    }
+
+    #[test]
+    fn throughputs_out_of_range_are_refused_with_the_range_of_the_mask() {
+        let lenslets = Encoder::Lenslets(heuristic_layout(2));
+        let diffuser = Encoder::Diffuser(Diffuser::with_light_kept(16, 3));
+        let refusal = |encoder: &Encoder, throughput: f64| {
+            encoder.clone().with_throughput(throughput).check().map_err(|error| error.to_string())
+        };
+        for (encoder, most) in [(&lenslets, 64.0), (&diffuser, 1.0)] {
+            assert_eq!((refusal(encoder, most), refusal(encoder, 1e-6)), (Ok(()), Ok(())));
+            for wrong in [0.0, -1.0, f64::NAN, f64::INFINITY, 1.001 * most, 1e-7] {
+                let expected = format!("the throughput is {wrong:?}; expected 0.000001 to {most}");
+                assert_eq!(refusal(encoder, wrong), Err(expected));
+            }
         }
     }
 

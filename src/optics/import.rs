@@ -90,7 +90,7 @@ pub fn psf_file(named: &Path) -> Result<(PathBuf, Option<usize>), PsfError> {
     }
 }
 
-/// Reads a PSF from an image (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1.
+/// Reads a PSF from an image (PNG, JPEG, TIFF, BMP) or an array (NPY, NPZ) and scales it to sum 1. The throughput is 1.
 ///
 /// With `side`, or the side of a path `FILE@32`, the central square is first resampled to `side` x `side` pixels by
 /// averaging areas. The second value summarises how the file was read.
@@ -124,7 +124,7 @@ pub fn import_psf(path: &Path, side: Option<usize>) -> Result<(PsfImage, ImageSu
         Some(side) if side > 0 && !image.is_empty() => resample_square(image.view(), side),
         _ => image,
     };
-    Ok((PsfImage { psf: normalised_psf(image, &origin)?, origin }, understood))
+    Ok((PsfImage { psf: normalised_psf(image, &origin)?, origin, throughput: 1.0 }, understood))
 }
 
 /// Checks an image and scales it to sum 1. `origin` names it in messages.

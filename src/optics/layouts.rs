@@ -23,7 +23,7 @@ pub const HEURISTIC_CENTRES: [(f64, f64); 9] = [
 /// Width of the heuristic lenslets in pixels.
 pub const HEURISTIC_SIGMA: f64 = 0.8;
 
-/// Depth plane of each lenslet of the depth layouts.
+/// Depth plane of each lenslet of the depth layouts, and the order in which planes are added to an object.
 const DEPTH_PLANES: [usize; 5] = [2, 0, 4, 1, 3];
 
 /// Rows and columns of the published PSF grid.
@@ -46,18 +46,35 @@ pub fn heuristic_layout(count: usize) -> LensletArray {
         .iter()
         .map(|&(row, col)| Lenslet::round(col, row, HEURISTIC_SIGMA, 1.0 / count as f64))
         .collect();
-    LensletArray { rows: GRID, cols: GRID, lenslets }
+    LensletArray::new(GRID, GRID, lenslets)
 }
 
-/// Layout for volumes: the first `count` heuristic lenslets (1 to 5), each focused on a different depth plane.
+/// Layout for volumes of `planes` (1 to 5) depth planes: the first `count` heuristic lenslets (1 to 5), each focused on a
+/// different plane.
+///
+/// Each lenslet has weight 1, so the throughput is `count`; with [`LensletArray::with_throughput`] of 1 the lenslets share
+/// the light. Five planes are in focus in the published order 2, 0, 4, 1, 3. Fewer planes are the first of these, numbered
+/// by depth. Lenslets beyond `planes` focus on planes without objects, and planes beyond `count` have no lenslet. So
+/// min(`count`, `planes`) lenslets image objects.
+///
+/// ```
+/// use lenslet_studio::optics::{depth_layout, render_psf};
+///
+/// // The third of three lenslets images nothing of two planes.
+/// assert_eq!(render_psf(&depth_layout(3, 2), 2)?, render_psf(&depth_layout(2, 2), 2)?);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Panics
-/// Where `count` is not 1 to 5.
-pub fn depth_layout(count: usize) -> LensletArray {
-    assert!((1..=5).contains(&count), "depth layouts have 1 to 5 lenslets");
-    let mut array = heuristic_layout(count);
-    for (lenslet, plane) in array.lenslets.iter_mut().zip(DEPTH_PLANES) {
-        lenslet.plane = plane;
+/// Where `count` or `planes` is not 1 to 5.
+pub fn depth_layout(count: usize, planes: usize) -> LensletArray {
+    let allowed = 1..=DEPTH_PLANES.len();
+    assert!(allowed.contains(&count) && allowed.contains(&planes), "depth layouts have 1 to 5 lenslets and planes");
+    let mut array = heuristic_layout(count).with_throughput(count as f64);
+    for (index, lenslet) in array.lenslets.iter_mut().enumerate() {
+        lenslet.weight = 1.0;
+        let in_front = || DEPTH_PLANES[..planes].iter().filter(|&&plane| plane < DEPTH_PLANES[index]).count();
+        lenslet.plane = if index < planes { in_front() } else { index };
     }
     array
 }
@@ -102,12 +119,13 @@ pub fn random_layout(count: usize, seed: u64) -> LensletArray {
             Limits::default().project(Lenslet { x, y, spot, weight: 1.0 / count as f64, plane: 0 }, GRID, GRID)
         })
         .collect();
-    LensletArray { rows: GRID, cols: GRID, lenslets }
+    LensletArray::new(GRID, GRID, lenslets)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::optics::render_psf;
 
     #[test]
     fn a_random_start_follows_its_seed_and_the_limits() {
@@ -118,6 +136,26 @@ mod tests {
             assert_eq!(Limits::default().project(*lenslet, 32, 32), *lenslet);
         }
         assert_eq!(random_layout(7, 1).lenslets.len(), 7);
+    }
+
+    #[test]
+    fn lenslets_in_depth_have_a_plane_and_the_light_of_one_lenslet_each() {
+        let planes = |count, planes| depth_layout(count, planes).lenslets.iter().map(|l| l.plane).collect::<Vec<_>>();
+        assert_eq!(planes(5, 5), DEPTH_PLANES);
+        assert_eq!(planes(5, 3), [1, 0, 2, 3, 4]);
+        assert_eq!(planes(3, 1), [0, 1, 2]);
+        for count in 1..=5 {
+            for planes in 1..=5 {
+                let psf = render_psf(&depth_layout(count, planes), planes).unwrap();
+                let imaged = count.min(planes);
+                assert!((psf.sum() - imaged as f64).abs() < 1e-12);
+                let of_as_many = render_psf(&depth_layout(imaged, planes), planes).unwrap();
+                assert_eq!(psf, of_as_many, "lenslets beyond the planes change nothing");
+                let shared = depth_layout(count, planes).with_throughput(1.0);
+                let sum = render_psf(&shared, planes).unwrap().sum();
+                assert!((sum - imaged as f64 / count as f64).abs() < 1e-12);
+            }
+        }
     }
 
     #[test]

@@ -110,17 +110,18 @@ impl FittedLenslets {
         let light: f64 = fit.spots.iter().map(|spot| spot.weight).sum();
         fit.spots.iter_mut().for_each(|spot| spot.weight /= light);
         let misplaced = 0.5 * fit.left().mapv(f64::abs).sum();
-        Ok(Self { array: LensletArray { rows, cols, lenslets: fit.spots }, misplaced })
+        Ok(Self { array: LensletArray::new(rows, cols, fit.spots), misplaced })
     }
 }
 
-/// Lenslets fitted to the PSF of an image or a diffuser.
+/// Lenslets fitted to the PSF of an image or a diffuser, with its throughput.
 ///
 /// # Errors
 /// The errors of [`FittedLenslets::of`].
 pub fn fit_lenslets(encoder: &Encoder) -> Result<FittedLenslets, LensletFitError> {
     let psf = encoder.psf(1).map_err(|_| LensletFitError::NoSpot)?;
-    FittedLenslets::of(psf.index_axis(Axis(0), 0), FittedLenslets::MOST)
+    let fitted = FittedLenslets::of(psf.index_axis(Axis(0), 0), FittedLenslets::MOST)?;
+    Ok(FittedLenslets { array: fitted.array.with_throughput(encoder.throughput()), ..fitted })
 }
 
 fn squared(image: &Array2<f64>) -> f64 {
@@ -343,7 +344,7 @@ mod tests {
 
     #[test]
     fn residual_is_a_share_of_the_light() {
-        let caustics = Diffuser { aperture_px: 32, seed: 1 }.render();
+        let caustics = Diffuser::with_light_kept(32, 1).render();
         let share = |most| FittedLenslets::of(caustics.view(), most).unwrap();
         let (few, many) = (share(4), share(64));
         assert!(many.misplaced < few.misplaced && many.misplaced > 0.01, "{} {}", few.misplaced, many.misplaced);

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::throughput::{LEAST_THROUGHPUT, OF_LENSLETS, is_unit, unit};
+
 /// Shape of the focal spot of one lenslet, a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -110,7 +112,7 @@ impl Lenslet {
 /// ```
 /// use lenslet_studio::prelude::*;
 ///
-/// let array = LensletArray { rows: 32, cols: 32, lenslets: vec![Lenslet::round(10.0, 12.0, 2.0, 1.0)] };
+/// let array = LensletArray::new(32, 32, vec![Lenslet::round(10.0, 12.0, 2.0, 1.0)]);
 /// assert!(array.check().is_ok());
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -122,6 +124,9 @@ pub struct LensletArray {
     pub cols: usize,
     /// The lenslets.
     pub lenslets: Vec<Lenslet>,
+    /// Sum of the PSF over all planes of the array, more than 0 and at most 64; 1 where absent.
+    #[serde(default = "unit", skip_serializing_if = "is_unit")]
+    pub throughput: f64,
 }
 
 /// Reason why an array is not a mask.
@@ -147,6 +152,14 @@ pub enum LensletError {
         /// Lenslets found.
         found: usize,
     },
+    /// The throughput is outside its range.
+    #[error("the throughput is {found:?}; expected {LEAST_THROUGHPUT} to {most}")]
+    Throughput {
+        /// The throughput.
+        found: f64,
+        /// Largest throughput of this kind of mask.
+        most: f64,
+    },
     /// A parameter is outside its range.
     #[error("lenslet {number}: {name} is {found:?}, expected {expected}")]
     Parameter {
@@ -166,6 +179,11 @@ impl LensletArray {
     pub const MAX_SIDE: usize = 1024;
     /// Largest number of lenslets of one mask.
     pub const MAX_LENSLETS: usize = 4096;
+
+    /// An array over a PSF grid of `rows` x `cols` pixels with throughput 1.
+    pub fn new(rows: usize, cols: usize, lenslets: Vec<Lenslet>) -> Self {
+        Self { rows, cols, lenslets, throughput: 1.0 }
+    }
 
     /// Checks that this array can be rendered.
     ///
@@ -188,7 +206,16 @@ impl LensletArray {
         if self.lenslets.iter().all(|lenslet| lenslet.weight == 0.0) {
             return Err(LensletError::Dark);
         }
+        if !OF_LENSLETS.contains(&self.throughput) {
+            return Err(LensletError::Throughput { found: self.throughput, most: *OF_LENSLETS.end() });
+        }
         Ok(())
+    }
+
+    /// The array with another throughput; 1 shares the light of one lenslet among all.
+    #[must_use]
+    pub fn with_throughput(self, throughput: f64) -> Self {
+        Self { throughput, ..self }
     }
 
     /// The array with its weights scaled to sum 1, or unchanged where they sum to 0.
@@ -353,7 +380,7 @@ mod tests {
             let (xx, yy) = (large * cos * cos + small * sin * sin, large * sin * sin + small * cos * cos);
             let spot = Spot::Anisotropic { xx, xy: (large - small) * sin * cos, yy };
             let lenslet = limits.project(Lenslet { spot, ..Lenslet::round(16.0, 16.0, 1.0, 1.0) }, 32, 32);
-            let array = LensletArray { rows: 32, cols: 32, lenslets: vec![lenslet] };
+            let array = LensletArray::new(32, 32, vec![lenslet]);
             assert!(array.check().is_ok(), "{lenslet:?}");
         }
     }
@@ -381,8 +408,12 @@ mod tests {
         let mut array = crate::optics::random_layout(25, 7);
         array.lenslets[3].spot = Spot::Anisotropic { xx: 1.1, xy: -0.2, yy: 0.7 };
         array.lenslets[4].plane = 2;
+        array.throughput = 0.3;
         let text = serde_json::to_string(&array).unwrap();
         assert_eq!(serde_json::from_str::<LensletArray>(&text).unwrap(), array);
+        assert!(text.contains("\"throughput\":0.3"), "{text}");
+        array.throughput = 1.0;
+        assert!(!serde_json::to_string(&array).unwrap().contains("throughput"), "as before there were throughputs");
         assert!(text.contains("\"sigma_px\"") && text.contains("\"covariance_px2\""), "{text}");
     }
 }

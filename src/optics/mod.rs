@@ -8,6 +8,7 @@ mod lenslet_fit;
 mod lenslets;
 mod mtf;
 mod psf;
+mod throughput;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
 pub use encoder::{Encoder, PsfImage};
@@ -17,3 +18,5 @@ pub use lenslet_fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};
 pub use mtf::{Mtf, modulation_transfer};
 pub use psf::{LensletGradient, psf_gradient, render_psf};
+pub use throughput::LEAST_THROUGHPUT;
+pub(crate) use throughput::{MASK_DOCUMENT_VERSION, mask_document_version};

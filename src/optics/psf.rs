@@ -1,8 +1,8 @@
 //! Point spread function of a lenslet array, and its exact gradient.
 //!
 //! Each lenslet makes a Gaussian spot, sampled at pixel centres and normalised to unit sum on the grid. The PSF is the
-//! weighted sum of the spots divided by the sum of the weights (Kabuli et al. 2026). So the PSF sums to 1 over all planes
-//! for any positions, and a lenslet at the border loses no light.
+//! weighted sum of the spots, times the throughput and divided by the sum of the weights (Kabuli et al. 2026). So the PSF
+//! sums to the throughput over all planes for any positions, and a lenslet at the border loses no light.
 
 use std::ops::Range;
 
@@ -10,7 +10,8 @@ use ndarray::{Array2, Array3, ArrayView3, Axis, s};
 
 use super::lenslets::{Lenslet, LensletArray, LensletError, Spot};
 
-/// Renders the PSF of `array` for scenes of `planes` depth planes, shape (planes, rows, cols), total sum 1.
+/// Renders the PSF of `array` for scenes of `planes` depth planes, shape (planes, rows, cols). Over all planes of the array
+/// it sums to the throughput.
 ///
 /// A lenslet focused on a plane that the scene lacks takes its share of the light and images nothing.
 ///
@@ -24,7 +25,7 @@ pub fn render_psf(array: &LensletArray, planes: usize) -> Result<Array3<f64>, Le
         let spot = SampledSpot::new(lenslet, array.rows, array.cols);
         psf.index_axis_mut(Axis(0), lenslet.plane)
             .slice_mut(s![spot.rows.clone(), spot.cols.clone()])
-            .scaled_add(lenslet.weight / total, &spot.values);
+            .scaled_add(array.throughput * lenslet.weight / total, &spot.values);
     }
     Ok(psf)
 }
@@ -68,7 +69,7 @@ pub fn psf_gradient(
         .iter()
         .map(|lenslet| {
             if lenslet.plane < planes {
-                spot_gradient(array, lenslet, &cotangent, lenslet.weight / total)
+                spot_gradient(array, lenslet, &cotangent, array.throughput * lenslet.weight / total)
             } else {
                 LensletGradient::default()
             }
@@ -79,7 +80,7 @@ pub fn psf_gradient(
         gradients.iter().zip(&array.lenslets).map(|(gradient, lenslet)| gradient.weight * lenslet.weight).sum::<f64>()
             / total;
     for gradient in &mut gradients {
-        gradient.weight = (gradient.weight - mean) / total;
+        gradient.weight = array.throughput * (gradient.weight - mean) / total;
     }
     Ok(gradients)
 }
@@ -245,6 +246,7 @@ mod tests {
         // A lenslet at the border, where the normalisation on the grid matters.
         array.lenslets[4].x = 0.3;
         array.lenslets[5].weight = 0.0;
+        array.throughput = 0.3;
         let cotangent = Array3::from_shape_fn((2, 32, 32), |(plane, row, col)| {
             ((plane * 7 + row * 3 + col * 5) as f64 * 0.7).sin()
         });

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{BoundMethod, Estimate, NUMBERS_VERSION, PairedDifference};
+use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
 use crate::studies::published::Published;
@@ -13,7 +14,7 @@ use crate::studies::settings::{PlannedCell, StudySettings, patch_name};
 use crate::studies::summary::StudySummary;
 
 /// The kind of the file.
-const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study");
+const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study").at_version(MASK_DOCUMENT_VERSION);
 
 /// A study as it stands in its file. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -161,7 +162,7 @@ impl StudyRecord {
         let summary = StudySummary::of(&settings, &[]);
         Self {
             format: STUDY.format.into(),
-            format_version: STUDY.version,
+            format_version: mask_document_version(settings.designs.iter().map(|design| design.encoder.throughput())),
             program_version: NUMBERS_VERSION.into(),
             settings,
             notices: Vec::new(),

@@ -10,9 +10,15 @@ use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 use serde_json::{Value, json};
 
-/// Files written by version 1 of the format. They are never changed: every file that once opened must always open.
-const VERSION_1: [&str; 4] =
-    ["design-v1.json", "design-v1-volume.json", "design-v1-diffuser.json", "design-v1-picture.json"];
+/// Files of every version of the format. They are never changed: every file that once opened must always open.
+const VERSIONS: [&str; 6] = [
+    "design-v1.json",
+    "design-v1-volume.json",
+    "design-v1-diffuser.json",
+    "design-v1-picture.json",
+    "design-v2-throughput.json",
+    "design-v2-diffuser.json",
+];
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
@@ -45,6 +51,7 @@ fn version_1_opens_with_every_value() {
     assert!(
         matches!(diffuser.encoder, Encoder::Diffuser(diffuser) if (diffuser.aperture_px, diffuser.seed) == (12, 3))
     );
+    assert_eq!(diffuser.encoder.throughput(), 1.0, "files without a throughput keep the light");
     assert_eq!(diffuser.objects, ObjectSource::Idx("train images.gz".into()));
 
     let imported = Design::open(&data("design-v1-picture.json")).unwrap();
@@ -54,9 +61,44 @@ fn version_1_opens_with_every_value() {
 }
 
 #[test]
+fn version_2_opens_with_its_throughput() {
+    let volume = Design::open(&data("design-v2-throughput.json")).unwrap();
+    assert_eq!(volume.encoder.throughput(), 2.0);
+    assert!((volume.psf(2).unwrap().sum() - 2.0).abs() < 1e-12);
+    let diffuser = Design::open(&data("design-v2-diffuser.json")).unwrap();
+    let kept = Design::open(&data("design-v1-diffuser.json")).unwrap();
+    assert_eq!(diffuser.encoder.with_throughput(1.0), kept.encoder);
+}
+
+#[test]
+fn version_2_is_written_only_where_programs_of_version_1_would_misread_the_light() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.json");
+    let kept = Design::open(&data("design-v1.json")).unwrap();
+    let dim = Design { encoder: kept.encoder.clone().with_throughput(0.5), ..kept.clone() };
+    for (design, version) in [(kept, 1), (dim, 2)] {
+        design.save(&path).unwrap();
+        assert_eq!(json_of(&path)["format_version"], version);
+        let line: Value = serde_json::from_str(&design.to_json().unwrap()).unwrap();
+        assert_eq!(line["format_version"], version);
+    }
+}
+
+#[test]
+fn throughputs_out_of_range_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.json");
+    let mut value = json_of(&data("design-v2-diffuser.json"));
+    value["encoder"]["throughput"] = json!(1.5);
+    std::fs::write(&path, value.to_string()).unwrap();
+    let refusal = Design::open(&path).unwrap_err().to_string();
+    assert!(refusal.contains("the throughput is 1.5; expected 0.000001 to 1"), "{refusal}");
+}
+
+#[test]
 fn what_is_opened_is_saved_as_it_was() {
     let folder = tempfile::tempdir().unwrap();
-    for name in VERSION_1 {
+    for name in VERSIONS {
         let design = Design::open(&data(name)).unwrap();
         let (once, twice) = (folder.path().join("once.json"), folder.path().join("twice.json"));
         design.save(&once).unwrap();
@@ -78,13 +120,13 @@ fn what_is_opened_is_saved_as_it_was() {
 fn the_psf_for_other_programs_is_the_one_that_opening_renders() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.json");
-    for name in VERSION_1 {
+    for name in VERSIONS {
         let design = Design::open(&data(name)).unwrap();
         design.save(&path).unwrap();
         let psf: Vec<Vec<Vec<f64>>> = serde_json::from_value(json_of(&path)["psf"].clone()).unwrap();
         let values: Vec<f64> = psf.into_iter().flatten().flatten().collect();
         assert_eq!(values, design.psf(1).unwrap().iter().copied().collect::<Vec<_>>(), "{name}");
-        assert!((values.iter().sum::<f64>() - 1.0).abs() < 1e-6);
+        assert!((values.iter().sum::<f64>() - design.encoder.throughput()).abs() < 1e-6);
     }
     let text = std::fs::read_to_string(&path).unwrap();
     let (format, version) = (text.find("\"format\"").unwrap(), text.find("\"format_version\"").unwrap());
@@ -101,12 +143,12 @@ fn unknown_entries_are_ignored_and_newer_versions_refused() {
     std::fs::write(&path, value.to_string()).unwrap();
     assert_eq!(Design::open(&path).unwrap(), Design::open(&data("design-v1.json")).unwrap());
 
-    value["format_version"] = json!(2);
+    value["format_version"] = json!(3);
     value["encoder"] = json!({"kind": "of the future"});
     std::fs::write(&path, value.to_string()).unwrap();
     let told = Design::open(&path).unwrap_err().to_string();
     assert!(told.starts_with(&path.display().to_string()) && !told.contains('\n'), "{told}");
-    assert!(told.contains("version 2, written by a newer Lenslet Studio; update this program"), "{told}");
+    assert!(told.contains("version 3, written by a newer Lenslet Studio; update this program"), "{told}");
 }
 
 #[test]
@@ -172,7 +214,7 @@ proptest! {
     /// saved.
     #[test]
     fn changed_files_are_refused_or_are_designs(
-        name in prop::sample::select(VERSION_1.to_vec()),
+        name in prop::sample::select(VERSIONS.to_vec()),
         changes in prop::collection::vec((any::<prop::sample::Index>(), any_value(), any::<bool>()), 1..3),
     ) {
         let mut value = json_of(&data(name));
@@ -200,7 +242,8 @@ proptest! {
             Ok(design) => {
                 let psf = design.psf(1).unwrap();
                 prop_assert!(psf.iter().all(|value| value.is_finite() && *value >= 0.0));
-                prop_assert!((psf.sum() - 1.0).abs() < 1e-5, "{} from {value}", psf.sum());
+                let ratio = psf.sum() / design.encoder.throughput();
+                prop_assert!((ratio - 1.0).abs() < 1e-5, "{} from {value}", psf.sum());
                 design.save(&path).unwrap();
                 prop_assert_eq!(Design::open(&path).unwrap(), design);
             }

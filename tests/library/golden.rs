@@ -44,7 +44,14 @@ fn copied(name: &str) -> tempfile::TempDir {
 
 #[test]
 fn designs_open() {
-    for name in ["design-v1", "design-v1-diffuser", "design-v1-picture", "design-v1-volume"] {
+    for name in [
+        "design-v1",
+        "design-v1-diffuser",
+        "design-v1-picture",
+        "design-v1-volume",
+        "design-v2-throughput",
+        "design-v2-diffuser",
+    ] {
         Design::open(&golden("..").join(name).with_extension("json")).unwrap();
     }
 }

@@ -26,7 +26,7 @@ fn beads(density: f64) -> ObjectSet {
 }
 
 fn mask(lenslets: Vec<Lenslet>) -> LensletArray {
-    LensletArray { rows: 12, cols: 12, lenslets }
+    LensletArray::new(12, 12, lenslets)
 }
 
 /// A poor start of two lenslets.

@@ -39,7 +39,7 @@ fn lenslets() -> LensletArray {
         // Means are (row, column).
         Lenslet::round(px(mean[1]), px(mean[0]), PX_PER_UNIT * variance.sqrt(), weight)
     });
-    LensletArray { rows: 32, cols: 32, lenslets: lenslets.collect() }
+    LensletArray::new(32, 32, lenslets.collect())
 }
 
 fn objects() -> Array4<f32> {

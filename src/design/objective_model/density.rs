@@ -201,7 +201,7 @@ mod tests {
         let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
-        let start = LensletArray { rows: 12, cols: 12, lenslets: vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)] };
+        let start = LensletArray::new(12, 12, vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)]);
         let model = DensityModel::new(&forward, &start, &Limits::default(), (6, 6), 1).unwrap();
         let mut reports = 0;
         let value = model.value(&start, false, &mut |_: &usize| {

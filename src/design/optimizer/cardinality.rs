@@ -49,7 +49,7 @@ mod tests {
         let set = beads();
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let lenslets = [2.0, 2.1, 6.0, 6.4, 9.0].map(|x| Lenslet::round(x, 5.0, 1.0, 0.2)).to_vec();
-        let start = LensletArray { rows: 12, cols: 12, lenslets };
+        let start = LensletArray::new(12, 12, lenslets);
         let settings = IdealSettings {
             patch: Some((6, 6)),
             cardinality: Some(4),

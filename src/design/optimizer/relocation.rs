@@ -206,7 +206,7 @@ mod tests {
             lenslet(27.9, 3.1, 0.42),
             lenslet(15.5, 27.9, 0.24),
         ];
-        LensletArray { rows: 32, cols: 32, lenslets }
+        LensletArray::new(32, 32, lenslets)
     }
 
     fn candidates_of(array: &LensletArray, settings: &IdealSettings, pruned: &[usize]) -> Vec<Candidate> {

@@ -72,7 +72,7 @@ pub(super) fn random_psf(
         let weight = if is_equal { 1.0 } else { Distribution::<f64>::sample(&Exp1, random).max(0.05) };
         lenslets.push(Lenslet::round(x, y, sigma, weight));
     }
-    let array = LensletArray { rows, cols, lenslets };
+    let array = LensletArray::new(rows, cols, lenslets);
     render_psf(&array, 1).map_err(|error| ForwardError::from(DesignError::from(error)).into())
 }
 

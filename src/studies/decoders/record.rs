@@ -8,6 +8,7 @@ use super::published::published_psnr_db;
 use super::settings::{DecoderStudySettings, PlannedCell};
 use crate::formats::{DocumentKind, FormatError, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION};
+use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::reconstruction::{DecoderKind, DecoderQuality};
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
@@ -15,7 +16,8 @@ use crate::studies::published::published;
 use crate::studies::rank::{pearson, spearman};
 
 /// The kind of the file.
-const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/decoder-study", "a study of decoders");
+const STUDY: DocumentKind =
+    DocumentKind::new("lenslet-studio/decoder-study", "a study of decoders").at_version(MASK_DOCUMENT_VERSION);
 /// The published patch, px.
 const PUBLISHED_PATCH: Option<(usize, usize)> = Some((32, 32));
 
@@ -128,7 +130,7 @@ impl DecoderStudyRecord {
     pub(super) fn new(settings: DecoderStudySettings) -> Self {
         Self {
             format: STUDY.format.into(),
-            format_version: STUDY.version,
+            format_version: mask_document_version(settings.designs.iter().map(|design| design.encoder.throughput())),
             program_version: NUMBERS_VERSION.into(),
             settings,
             cells: Vec::new(),

@@ -92,10 +92,11 @@ impl State {
                 self.random_start = Some(draw);
                 (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
             }
-            Preset::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5))),
-            Preset::Diffuser(aperture_px) => {
-                (format!("diffuser, aperture {aperture_px} px"), Encoder::Diffuser(Diffuser { aperture_px, seed }))
-            }
+            Preset::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5, 5))),
+            Preset::Diffuser(aperture_px) => (
+                format!("diffuser, aperture {aperture_px} px"),
+                Encoder::Diffuser(Diffuser::behind_aperture(aperture_px, seed)),
+            ),
         };
         self.send(&Command::ReplaceEncoder { name, encoder });
     }

@@ -184,7 +184,7 @@ mod tests {
 
     #[test]
     fn mask_without_lenslets_needs_another_start() {
-        let encoder = Encoder::Diffuser(Diffuser { aperture_px: 8, seed: 1 });
+        let encoder = Encoder::Diffuser(Diffuser::with_light_kept(8, 1));
         let diffuser = Design { encoder, ..Design::default() };
         let mut state = OptimizeState::default();
         assert!(state.can_start(&Design::default(), None) && !state.can_start(&diffuser, None));

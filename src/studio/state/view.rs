@@ -235,7 +235,7 @@ mod tests {
         assert_eq!(can(&window), [true, false, true, false]);
         window.panels.selection.set([2]);
         assert_eq!(can(&window), [true, true, true, false]);
-        let encoder = Encoder::Diffuser(Diffuser { aperture_px: 8, seed: 1 });
+        let encoder = Encoder::Diffuser(Diffuser::with_light_kept(8, 1));
         window = Window { design: Arc::new(Design { encoder, ..Design::default() }), ..Window::default() };
         assert_eq!(can(&window), [false, false, false, true]);
     }

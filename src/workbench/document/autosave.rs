@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
+use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::workbench::background::threads::{Wake, lock};
 
 /// Least time between two writings.
@@ -32,7 +33,8 @@ pub struct Recovered {
 
 /// The kind of the files.
 const UNSAVED_DESIGN: DocumentKind =
-    DocumentKind::unmarked_before("lenslet-studio/unsaved-design", "an unsaved design");
+    DocumentKind::unmarked_before("lenslet-studio/unsaved-design", "an unsaved design")
+        .at_version(MASK_DOCUMENT_VERSION);
 
 /// The contents of a file.
 #[derive(Serialize, Deserialize)]
@@ -149,7 +151,8 @@ fn content(design: &Design, path: Option<PathBuf>) -> Option<Vec<u8>> {
     // JSON holds Unicode alone: a design with another path is saved without it.
     let path = path.filter(|path| path.to_str().is_some());
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
-    serde_json::to_vec_pretty(&UNSAVED_DESIGN.marked(&Kept { design, path, seconds })).ok()
+    let kind = UNSAVED_DESIGN.at_version(mask_document_version([design.encoder.throughput()]));
+    serde_json::to_vec_pretty(&kind.marked(&Kept { design, path, seconds })).ok()
 }
 
 /// Files whose owners no longer run.

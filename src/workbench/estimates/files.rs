@@ -12,6 +12,7 @@ use crate::evaluation::request::EstimateRequest;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
+use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::workbench::live::published::{Live, is_estimate_of};
 
 /// An ordered estimate.
@@ -96,11 +97,19 @@ pub(crate) struct EstimateFolder {
 }
 
 /// The kinds of the files.
-const FINISHED: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/finished-estimate", "a finished estimate");
+const FINISHED: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/finished-estimate", "a finished estimate")
+    .at_version(MASK_DOCUMENT_VERSION);
 const PENDING: DocumentKind =
-    DocumentKind::unmarked_before("lenslet-studio/pending-estimate", "an estimate in progress");
+    DocumentKind::unmarked_before("lenslet-studio/pending-estimate", "an estimate in progress")
+        .at_version(MASK_DOCUMENT_VERSION);
 const WAITING_ORDERS: DocumentKind =
-    DocumentKind::unmarked_before("lenslet-studio/waiting-estimates", "a list of waiting estimates");
+    DocumentKind::unmarked_before("lenslet-studio/waiting-estimates", "a list of waiting estimates")
+        .at_version(MASK_DOCUMENT_VERSION);
+
+/// The kind in the version that holds the masks of the orders.
+fn written(kind: DocumentKind, orders: &[EstimateOrder]) -> DocumentKind {
+    kind.at_version(mask_document_version(orders.iter().map(|order| order.design.encoder.throughput())))
+}
 
 /// The waiting orders, as their file holds them.
 #[derive(Serialize)]
@@ -162,7 +171,7 @@ impl EstimateFolder {
     /// Where the file cannot be written.
     pub fn keep(&self, estimate: &mut FinishedEstimate) -> Result<(), FormatError> {
         let name = DocumentFolder::new_name();
-        FINISHED.write(&self.folder.join(&name), estimate)?;
+        written(FINISHED, std::slice::from_ref(&estimate.order)).write(&self.folder.join(&name), estimate)?;
         estimate.file = Some(name);
         Ok(())
     }
@@ -220,7 +229,7 @@ impl EstimateFolder {
     }
 
     fn write_pending(&self, pending: &Pending) -> Option<()> {
-        PENDING.write(&self.pending().join(ORDER), pending).ok()
+        written(PENDING, std::slice::from_ref(&pending.order)).write(&self.pending().join(ORDER), pending).ok()
     }
 
     /// Notes the waiting orders.
@@ -234,7 +243,7 @@ impl EstimateFolder {
             let _ = std::fs::remove_file(file);
         } else {
             let entries: Vec<EstimateOrder> = orders.iter().map(EstimateOrder::absolute).collect();
-            let _ = WAITING_ORDERS.write(&file, &Waiting { entries });
+            let _ = written(WAITING_ORDERS, &entries).write(&file, &Waiting { entries });
         }
     }
 

@@ -218,7 +218,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let volume = Design {
             objects: "volume:3:0.01".parse().unwrap(),
-            encoder: Encoder::Lenslets(depth_layout(3)),
+            encoder: Encoder::Lenslets(depth_layout(3, 5)),
             noise: Noise::ShotRead { sigma: 2.0 },
             ..Design::default()
         };

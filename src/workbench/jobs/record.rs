@@ -18,7 +18,7 @@ pub enum RecordError {
     File(#[from] FormatError),
     /// The file is JSON, but not a record that this version knows.
     #[error(
-        "{path}: expected a record of a live estimate or of a run, of version 1, found {found}; choose a file that \
+        "{path}: expected a record of a live estimate or of a run, of version 1 or 2, found {found}; choose a file that \
          the Information panel has written, or the run.json of a run"
     )]
     Refused {

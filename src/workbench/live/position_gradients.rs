@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn of_many_beads_two_lenslets_that_nearly_coincide_are_pulled_together() {
         let lenslets = [14.3, 16.7].map(|x| Lenslet::round(x, 15.5, 0.8, 0.5)).to_vec();
-        let encoder = Encoder::Lenslets(LensletArray { rows: 32, cols: 32, lenslets });
+        let encoder = Encoder::Lenslets(LensletArray::new(32, 32, lenslets));
         let design = Design { encoder, objects: "beads:0.11".parse().unwrap(), ..Design::default() };
         let scene = Arc::new(Scene::open(&design, &mut CancelToken::new()).unwrap());
         let forward = ForwardModel::of_objects(&design, Arc::clone(&scene.set)).unwrap();

@@ -11,14 +11,14 @@ use crate::formats::{DocumentKind, FormatError, content_key, create_folder, json
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::ReadProgress;
-use crate::optics::Encoder;
+use crate::optics::{Encoder, MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::progress::Progress;
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
 use crate::workbench::live::estimator::repeated;
 
 /// The kind of the file.
 pub(crate) const LIVE_ESTIMATE: DocumentKind =
-    DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate");
+    DocumentKind::new("lenslet-studio/live-estimate", "a record of a live estimate").at_version(MASK_DOCUMENT_VERSION);
 
 /// A live estimate with its design and its recipe.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -105,16 +105,18 @@ pub struct Repeated {
 impl LiveRecord {
     /// The record of an estimate of a design before a scene.
     pub fn new(design: &Design, scene: &Scene, live: &LiveEstimate) -> Self {
+        let before = live.before.as_ref().map(|before| before.encoder.clone());
+        let masks = before.iter().chain([&design.encoder]);
         Self {
             format: LIVE_ESTIMATE.format.to_owned(),
-            format_version: LIVE_ESTIMATE.version,
+            format_version: mask_document_version(masks.map(Encoder::throughput)),
             program_version: NUMBERS_VERSION.to_owned(),
             design: Design { objects: design.objects.absolute(), ..design.clone() },
             objects_fingerprint: scene.set.fingerprint(),
             numbers: LiveNumbers::of(live),
             recipe: live.recipe,
             start: live.start.as_deref().cloned(),
-            before: live.before.as_ref().map(|before| before.encoder.clone()),
+            before,
         }
     }
 
@@ -358,7 +360,7 @@ mod tests {
         let path = folder.path().join("record.json");
         let format = LIVE_ESTIMATE.format;
         let mut texts = vec!["{}".to_owned(), "[]".into(), format!("{{\"format\": \"{format}\"}}")];
-        texts.push(format!("{{\"format\": \"{format}\", \"format_version\": 2}}"));
+        texts.push(format!("{{\"format\": \"{format}\", \"format_version\": 3}}"));
         texts.push(format!("{{\"format\": \"{format}\", \"format_version\": 1, \"recipe\": 3}}"));
         for text in texts {
             std::fs::write(&path, &text).unwrap();

@@ -168,7 +168,7 @@ impl RankedStart {
 impl DesignRun {
     /// A run before its first step.
     pub(super) fn new(start: &Arc<Design>, settings: IdealSettings, starts: usize) -> Self {
-        let none = || LensletArray { rows: 0, cols: 0, lenslets: Vec::new() };
+        let none = || LensletArray::new(0, 0, Vec::new());
         Self {
             start: Arc::clone(start),
             array: Arc::new(start.encoder.lenslets().cloned().unwrap_or_else(none)),

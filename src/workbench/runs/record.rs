@@ -12,14 +12,15 @@ use crate::formats::{DocumentKind, FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::ReadProgress;
-use crate::optics::Encoder;
+use crate::optics::{Encoder, MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::progress::Progress;
 use crate::studies::Machine;
 use crate::workbench::Curve;
 use crate::workbench::runs::run::run_ideal;
 
 /// The kind of the file.
-pub(crate) const RUN: DocumentKind = DocumentKind::new("lenslet-studio/ideal", "a record of a run");
+pub(crate) const RUN: DocumentKind =
+    DocumentKind::new("lenslet-studio/ideal", "a record of a run").at_version(MASK_DOCUMENT_VERSION);
 
 /// Record of a run, as its file holds it. Information is in bits per pixel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -59,7 +60,7 @@ impl IdealRecord {
         let state = ideal.state();
         Self {
             format: RUN.format.into(),
-            format_version: RUN.version,
+            format_version: mask_document_version([start.encoder.throughput()]),
             program_version: NUMBERS_VERSION.into(),
             machine: Machine::here(),
             start: start.clone(),

@@ -10,13 +10,14 @@ use crate::evaluation::EvaluationError;
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
-use crate::optics::{Encoder, LensletArray};
+use crate::optics::{Encoder, LensletArray, MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::studies::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::runs::design_run::{RankedStart, Start};
 use crate::workbench::runs::score::matches_mask;
 
 /// The kind of the file of an order.
-const RUN_ORDER: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/run-order", "an order of runs");
+const RUN_ORDER: DocumentKind =
+    DocumentKind::unmarked_before("lenslet-studio/run-order", "an order of runs").at_version(MASK_DOCUMENT_VERSION);
 
 /// Extension of the state files.
 const STATE: &str = "safetensors";
@@ -158,7 +159,8 @@ impl RunStore {
     /// # Errors
     /// Where the file cannot be written; the queue before then stays.
     pub fn note(&self, order: &RunQueue) -> Result<(), EvaluationError> {
-        Ok(RUN_ORDER.write(&self.order(), order)?)
+        let masks = order.starts.iter().map(|start| start.design.encoder.throughput());
+        Ok(RUN_ORDER.at_version(mask_document_version(masks)).write(&self.order(), order)?)
     }
 
     /// Removes the run with all its files.

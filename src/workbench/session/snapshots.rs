@@ -15,6 +15,7 @@ use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, cre
 use crate::forward::Design;
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
+use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
 use crate::plural::counted;
 
 pub use numbers::{Bits, LiveResults, SnapshotNumbers, SnapshotReconstruction};
@@ -164,7 +165,8 @@ impl Snapshot {
 }
 
 /// The kind of the files.
-const SNAPSHOT: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/snapshot", "a snapshot of a design");
+const SNAPSHOT: DocumentKind = DocumentKind::unmarked_before("lenslet-studio/snapshot", "a snapshot of a design")
+    .at_version(MASK_DOCUMENT_VERSION);
 
 /// A snapshot as its file holds it.
 #[derive(Serialize, Deserialize)]
@@ -308,7 +310,8 @@ impl Snapshots {
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
                 let program_version = NUMBERS_VERSION.to_owned();
-                serde_json::to_vec(&SNAPSHOT.marked(&Kept { name, design, program_version, numbers })).ok()
+                let kind = SNAPSHOT.at_version(mask_document_version([design.encoder.throughput()]));
+                serde_json::to_vec(&kind.marked(&Kept { name, design, program_version, numbers })).ok()
             };
             changes.push((snapshot.file.clone(), Some(Box::new(text))));
         }

@@ -66,7 +66,7 @@ mod tests {
     fn checkpoints(count: usize) -> Vec<Checkpoint> {
         let checkpoint = |number: usize| Checkpoint {
             step: 10 * number,
-            array: LensletArray { rows: 32, cols: 32, lenslets: vec![Lenslet::round(number as f64, 5.0, 1.0, 1.0)] },
+            array: LensletArray::new(32, 32, vec![Lenslet::round(number as f64, 5.0, 1.0, 1.0)]),
             bits_per_pixel: 0.1,
             interval_95: [0.0, 0.2],
             lower: None,

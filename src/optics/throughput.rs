@@ -1,0 +1,35 @@
+//! Throughput of a mask: the sum of its PSF over all planes of the mask.
+//!
+//! A PSF is a throughput times a kernel of sum 1. A mask of throughput 1 brings `mean_photons` of every plane of the
+//! objects to the sensor. An aperture blocks light, so its throughput is below 1. Lenslets in depth of weight 1 each
+//! collect more: k lenslets have throughput k.
+
+use std::ops::RangeInclusive;
+
+/// Newest version of documents that hold masks. Version 1 has no throughput: programs that know no other would take
+/// every mask for one that keeps the light.
+pub(crate) const MASK_DOCUMENT_VERSION: u64 = 2;
+
+/// Version of a document with masks of these throughputs: 1 where every mask keeps the light, so that earlier programs
+/// read it, else 2.
+pub(crate) fn mask_document_version(throughputs: impl IntoIterator<Item = f64>) -> u64 {
+    if throughputs.into_iter().all(|throughput| is_unit(&throughput)) { 1 } else { MASK_DOCUMENT_VERSION }
+}
+
+/// Least throughput of a mask.
+pub const LEAST_THROUGHPUT: f64 = 1e-6;
+/// Range of the throughput of lenslets: up to 1 for each plane of the deepest volume.
+pub(super) const OF_LENSLETS: RangeInclusive<f64> = LEAST_THROUGHPUT..=64.0;
+/// Range of the throughput of apertures and images.
+pub(super) const OF_APERTURES: RangeInclusive<f64> = LEAST_THROUGHPUT..=1.0;
+
+/// Throughput of a mask that keeps the light; serde takes it for files without the entry.
+pub(super) fn unit() -> f64 {
+    1.0
+}
+
+/// Whether a throughput needs no entry in a file.
+#[allow(clippy::trivially_copy_pass_by_ref, clippy::float_cmp, reason = "serde passes a reference; 1 is exact")]
+pub(super) fn is_unit(throughput: &f64) -> bool {
+    *throughput == 1.0
+}
