@@ -8,13 +8,15 @@
 //! An aperture blocks the light outside: the border of one caustic is dark. Its throughput is the share of the light
 //! inside, unless the mask keeps the light.
 
+use std::fmt;
+
 use ndarray::{Array2, s};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
-use super::throughput::{LEAST_THROUGHPUT, is_unit, unit};
+use super::throughput::{LEAST_THROUGHPUT, finish_debug, is_unit, unit};
 
 /// Sides in pixels of the published square apertures, from none ("huge") to the smallest.
 pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
@@ -32,7 +34,7 @@ pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
     clippy::unsafe_derive_deserialize,
     reason = "the unsafe code is in ndarray's slicing macro, not in an invariant"
 )]
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Diffuser {
     /// Side of the square, centred aperture in pixels, 1 to 32.
@@ -42,6 +44,14 @@ pub struct Diffuser {
     /// Sum of the PSF, more than 0 and at most 1; 1 (the light is kept) where absent.
     #[serde(default = "unit", skip_serializing_if = "is_unit")]
     pub throughput: f64,
+}
+
+impl fmt::Debug for Diffuser {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { aperture_px, seed, throughput } = self;
+        let mut shown = formatter.debug_struct("Diffuser");
+        finish_debug(shown.field("aperture_px", aperture_px).field("seed", seed), *throughput)
+    }
 }
 
 impl Diffuser {

@@ -1,5 +1,7 @@
 //! Optical encoders: editable lenslets, a diffuser, or an imported PSF.
 
+use std::fmt;
+
 use ndarray::{Array2, Array3, Axis};
 use serde::{Deserialize, Serialize};
 
@@ -7,7 +9,7 @@ use super::diffuser::Diffuser;
 use super::import::{PsfError, normalised_psf};
 use super::lenslets::{LensletArray, LensletError};
 use super::psf::render_psf;
-use super::throughput::{OF_APERTURES, is_unit, unit};
+use super::throughput::{OF_APERTURES, finish_debug, is_unit, unit};
 
 use crate::plural::counted;
 
@@ -35,7 +37,7 @@ pub enum Encoder {
 }
 
 /// An imported PSF with its origin.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(try_from = "PsfImageRecord", into = "PsfImageRecord")]
 pub struct PsfImage {
@@ -45,6 +47,14 @@ pub struct PsfImage {
     pub throughput: f64,
     /// File name, or another name.
     pub origin: String,
+}
+
+impl fmt::Debug for PsfImage {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { psf, origin, throughput } = self;
+        let mut shown = formatter.debug_struct("PsfImage");
+        finish_debug(shown.field("psf", psf).field("origin", origin), *throughput)
+    }
 }
 
 impl Encoder {
@@ -222,6 +232,22 @@ mod tests {
                 assert_eq!(refusal(encoder, wrong), Err(expected));
             }
         }
+    }
+
+    /// Earlier programs knew no throughput, and made keys of states from the debug format of masks.
+    #[test]
+    fn debug_format_has_a_throughput_only_where_it_is_not_1() {
+        let diffuser = Diffuser::with_light_kept(16, 3);
+        assert_eq!(format!("{diffuser:?}"), "Diffuser { aperture_px: 16, seed: 3 }");
+        assert_eq!(
+            format!("{:?}", Diffuser { throughput: 0.5, ..diffuser }),
+            "Diffuser { aperture_px: 16, seed: 3, throughput: 0.5 }"
+        );
+        let psf = Array2::ones((1, 1));
+        let image = PsfImage { psf, origin: "a".into(), throughput: 1.0 };
+        assert!(format!("{image:?}").ends_with("origin: \"a\" }"), "{image:?}");
+        let array = LensletArray::new(3, 4, Vec::new());
+        assert_eq!(format!("{array:?}"), "LensletArray { rows: 3, cols: 4, lenslets: [] }");
     }
 
     #[test]

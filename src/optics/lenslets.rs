@@ -1,9 +1,11 @@
 //! Lenslet arrays: the parameters that a user edits and the optimizer changes.
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::throughput::{LEAST_THROUGHPUT, OF_LENSLETS, is_unit, unit};
+use super::throughput::{LEAST_THROUGHPUT, OF_LENSLETS, finish_debug, is_unit, unit};
 
 /// Shape of the focal spot of one lenslet, a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,7 +117,7 @@ impl Lenslet {
 /// let array = LensletArray::new(32, 32, vec![Lenslet::round(10.0, 12.0, 2.0, 1.0)]);
 /// assert!(array.check().is_ok());
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct LensletArray {
     /// Rows of the PSF grid in pixels.
@@ -127,6 +129,15 @@ pub struct LensletArray {
     /// Sum of the PSF over all planes of the array, more than 0 and at most 64; 1 where absent.
     #[serde(default = "unit", skip_serializing_if = "is_unit")]
     pub throughput: f64,
+}
+
+impl fmt::Debug for LensletArray {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { rows, cols, lenslets, throughput } = self;
+        let mut shown = formatter.debug_struct("LensletArray");
+        shown.field("rows", rows).field("cols", cols).field("lenslets", lenslets);
+        finish_debug(&mut shown, *throughput)
+    }
 }
 
 /// Reason why an array is not a mask.

@@ -4,6 +4,7 @@
 //! objects to the sensor. An aperture blocks light, so its throughput is below 1. Lenslets in depth of weight 1 each
 //! collect more: k lenslets have throughput k.
 
+use std::fmt::{self, DebugStruct};
 use std::ops::RangeInclusive;
 
 /// Newest version of documents that hold masks. Version 1 has no throughput: programs that know no other would take
@@ -26,6 +27,12 @@ pub(super) const OF_APERTURES: RangeInclusive<f64> = LEAST_THROUGHPUT..=1.0;
 /// Throughput of a mask that keeps the light; serde takes it for files without the entry.
 pub(super) fn unit() -> f64 {
     1.0
+}
+
+/// Ends the debug format of a mask. A throughput of 1 is left out, because keys of earlier programs are made from this
+/// format.
+pub(super) fn finish_debug(shown: &mut DebugStruct<'_, '_>, throughput: f64) -> fmt::Result {
+    if is_unit(&throughput) { shown.finish() } else { shown.field("throughput", &throughput).finish() }
 }
 
 /// Whether a throughput needs no entry in a file.

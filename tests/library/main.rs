@@ -18,4 +18,5 @@ mod pixelcnn;
 mod real_data;
 mod reference;
 mod study_stream;
+mod throughput;
 mod undo;
