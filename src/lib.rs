@@ -26,7 +26,9 @@
 //! - Images are `ndarray` arrays of shape (rows, cols), row 0 at the top; stacks are (n, rows, cols); volumes are
 //!   (n, planes, rows, cols).
 //! - Coordinates are pixels, (x, y) = (column, row), pixel centres at integers, (0, 0) the centre of the top-left pixel.
-//! - Point spread functions sum to 1. Objects and measurements are in photons per pixel. Information is in bits per pixel.
+//! - A point spread function (PSF) is a throughput times a kernel of sum 1. Throughput is 1 unless an aperture blocks light or
+//!   lenslets in depth collect more.
+//! - Objects and measurements are in photons per pixel. Information is in bits per pixel.
 //! - Images are `f32`; entropies, means and other long sums are `f64`.
 //! - Every random draw has an explicit seed; the generator is ChaCha, one stream per image or patch, so results do
 //!   not depend on the number of threads.

@@ -45,6 +45,8 @@ impl Arguments {
 pub struct DesignBounds {
     /// Description of the mask.
     encoder: String,
+    /// Throughput of the mask.
+    throughput: f64,
     /// The objects, by the text of their source.
     objects: String,
     /// Fingerprint of the objects.
@@ -169,6 +171,7 @@ impl DesignBounds {
         };
         Ok(Self {
             encoder: design.encoder.describe(),
+            throughput: design.encoder.throughput(),
             objects: design.objects.to_string(),
             objects_fingerprint: scene.set.fingerprint(),
             scene: scene.set.describe(),

@@ -23,7 +23,7 @@ pub struct DesignArgs {
     /// Design file, or - for standard input [default: the default design]. Flags replace its entries.
     design: Option<PathBuf>,
 
-    /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
+    /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5 (depth:3:2 for volumes of 2 planes), diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
     /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file.
     #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = mask_argument())]
     mask: Option<MaskSource>,
@@ -32,9 +32,30 @@ pub struct DesignArgs {
     #[arg(long, value_name = "PIXELS", requires = "mask")]
     resample: Option<usize>,
 
+    #[command(flatten)]
+    throughput: ThroughputArg,
+
     /// Seed of random masks, objects, noise and patches.
     #[arg(long)]
     seed: Option<u64>,
+}
+
+/// The flag `--throughput`.
+#[derive(Args, Debug)]
+pub struct ThroughputArg {
+    /// Throughput of the mask, the sum of its PSF: up to 1, of lenslets up to 64 [default: that of the mask; 1 keeps the light of a
+    /// diffuser and shares that of lenslets in depth].
+    #[arg(long = "throughput", value_name = "T")]
+    given: Option<f64>,
+}
+
+impl ThroughputArg {
+    /// The design with this throughput, where one was given.
+    pub fn replace_in(&self, design: &mut Design) {
+        if let Some(throughput) = self.given {
+            design.encoder.set_throughput(throughput);
+        }
+    }
 }
 
 /// Objects in front of the mask and sensor behind it.
@@ -85,6 +106,7 @@ impl DesignArgs {
             let resampled = self.resample.map(|side| mask.resampled(side)).transpose()?;
             design.encoder = open_mask(resampled.as_ref().unwrap_or(mask), design.seed)?;
         }
+        self.throughput.replace_in(&mut design);
         scene.replace_in(&mut design);
         design.check()?;
         Ok(design)

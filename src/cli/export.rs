@@ -40,6 +40,8 @@ pub struct Arguments {
 pub struct Exported {
     /// Description of the mask.
     encoder: String,
+    /// Throughput of the mask: the sum of the exported PSF over all planes.
+    throughput: f64,
     /// Rows of the PSF, pixels.
     psf_rows: usize,
     /// Columns of the PSF, pixels.
@@ -58,7 +60,8 @@ impl Arguments {
         let files = export_design(&design, &self.out, self.colormap)?;
         let (psf_rows, psf_cols) = design.encoder.grid();
         let files = names_of(&files);
-        let result = Exported { encoder: design.encoder.describe(), psf_rows, psf_cols, files };
+        let (encoder, throughput) = (design.encoder.describe(), design.encoder.throughput());
+        let result = Exported { encoder, throughput, psf_rows, psf_cols, files };
         if self.json {
             return output::print_json(&result);
         }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument, open_mask};
 use super::comparison::{failed, run_with_bar};
-use super::design_args::{SceneArgs, check_inputs_stay, files_of, open_design};
+use super::design_args::{SceneArgs, ThroughputArg, check_inputs_stay, files_of, open_design};
 use super::failure::Failure;
 use super::optimize_runs::{
     Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
@@ -38,6 +38,9 @@ pub struct Arguments {
     /// mask of DESIGN].
     #[arg(long, value_name = "MASK", value_parser = mask_argument())]
     start: Option<MaskSource>,
+
+    #[command(flatten)]
+    throughput: ThroughputArg,
 
     #[command(flatten)]
     scene: SceneArgs,
@@ -260,6 +263,7 @@ impl Arguments {
             (None, None) => design.encoder = open_mask(&usual, design.seed)?,
             (None, Some(_)) => {}
         }
+        self.throughput.replace_in(&mut design);
         design.check()?;
         if !matches!(design.encoder, Encoder::Lenslets(_)) {
             bail!(

@@ -55,6 +55,8 @@ pub struct Measured {
     objects_fingerprint: String,
     /// Description of the mask.
     encoder: String,
+    /// Throughput of the mask.
+    throughput: f64,
     /// Noise of the sensor.
     noise: String,
     /// Seed of objects and noise.
@@ -97,6 +99,7 @@ impl Arguments {
             objects: design.objects.to_string(),
             objects_fingerprint: set.fingerprint(),
             encoder: design.encoder.describe(),
+            throughput: design.encoder.throughput(),
             noise: design.noise.to_string(),
             seed: design.seed,
             object_shape: stacks.object_shape,

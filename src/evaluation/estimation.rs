@@ -164,6 +164,7 @@ pub(crate) fn estimate_on_patches(
         objects: design.objects.to_string(),
         objects_fingerprint: set.fingerprint(),
         encoder: design.encoder.describe(),
+        throughput: design.encoder.throughput_unless_unit(),
         ceiling,
         notes,
     };

@@ -337,6 +337,7 @@ impl MeasuredImages {
             ),
             objects_fingerprint: fingerprint,
             encoder: "unknown mask".into(),
+            throughput: None,
             ceiling: None,
             notes,
         };

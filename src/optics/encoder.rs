@@ -113,15 +113,25 @@ impl Encoder {
         }
     }
 
+    /// The throughput where it is not 1.
+    pub fn throughput_unless_unit(&self) -> Option<f64> {
+        Some(self.throughput()).filter(|throughput| !is_unit(throughput))
+    }
+
     /// The encoder with another throughput.
     #[must_use]
     pub fn with_throughput(mut self, throughput: f64) -> Self {
-        match &mut self {
+        self.set_throughput(throughput);
+        self
+    }
+
+    /// Changes the throughput.
+    pub fn set_throughput(&mut self, throughput: f64) {
+        match self {
             Self::Lenslets(array) => array.throughput = throughput,
             Self::Diffuser(diffuser) => diffuser.throughput = throughput,
             Self::Image(image) => image.throughput = throughput,
         }
-        self
     }
 
     /// The lenslets, if the encoder has any.
@@ -135,7 +145,10 @@ impl Encoder {
     /// Description in one line, with the throughput where it is not 1.
     pub fn describe(&self) -> String {
         let mask = self.describe_mask();
-        if is_unit(&self.throughput()) { mask } else { format!("{mask}, throughput {}", rounded(self.throughput())) }
+        match self.throughput_unless_unit() {
+            Some(throughput) => format!("{mask}, throughput {}", rounded(throughput)),
+            None => mask,
+        }
     }
 
     fn describe_mask(&self) -> String {

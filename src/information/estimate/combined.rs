@@ -28,6 +28,8 @@ pub struct Provenance {
     pub objects_fingerprint: String,
     /// The encoder, for a reader.
     pub encoder: String,
+    /// Throughput of the encoder; none where it is 1 or unknown.
+    pub throughput: Option<f64>,
     /// A bound on the truth, bits per pixel, where the object entropy is known ([`super::EntropyBound`]).
     pub ceiling: Option<f64>,
     /// Further notes for the reader.
@@ -107,6 +109,9 @@ pub struct Estimate {
     pub objects_fingerprint: String,
     /// The encoder, for a reader.
     pub encoder: String,
+    /// Throughput of the encoder; absent where it is 1 or unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub throughput: Option<f64>,
     /// Notes for the reader.
     pub notes: Vec<String>,
     /// The note on requested weights that could not be written; none in an estimate that was read from a file.
@@ -137,7 +142,7 @@ impl Estimate {
         }
         let largest = trials.iter().map(Trial::bits_per_pixel).fold(best.bits_per_pixel(), f64::max);
         let settings = *best.settings();
-        let Provenance { bias, objects, objects_fingerprint, encoder, ceiling, notes: given } = provenance;
+        let Provenance { bias, objects, objects_fingerprint, encoder, throughput, ceiling, notes: given } = provenance;
         let mut notes = best.notes().to_vec();
         notes.extend(given);
         if best.bits_per_pixel() < 0.0 {
@@ -176,6 +181,7 @@ impl Estimate {
             objects,
             objects_fingerprint,
             encoder,
+            throughput,
             notes,
             unwritten_weights: best.unwritten_weights().map(Into::into),
             sealed: Sealed,

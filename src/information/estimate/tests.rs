@@ -48,6 +48,7 @@ fn provenance() -> Provenance {
         objects: "beads, density 0.02".to_owned(),
         objects_fingerprint: "abc".to_owned(),
         encoder: "4 lenslets".to_owned(),
+        throughput: None,
         ceiling: Some(0.45),
         notes: Vec::new(),
     }

@@ -33,6 +33,13 @@ pub(super) fn deviation_of(set: &ObjectSet) -> Result<f64, ReconstructionError> 
     Ok(objects.mapv(f64::from).std(0.0).max(f64::MIN_POSITIVE))
 }
 
+/// Inverse throughput of a PSF of this sum. Coverage and back-projection are those of a PSF of sum 1, by which networks
+/// for any mask are trained.
+fn unit_of(sum: f64) -> f32 {
+    // A PSF of throughput 1 sums to 1 within rounding. It is not scaled, so its features keep every bit.
+    if (sum - 1.0).abs() < 1e-6 { 1.0 } else { (1.0 / sum) as f32 }
+}
+
 /// Rows and columns of the images that the network passes.
 pub(super) fn padded((rows, cols): (usize, usize)) -> (usize, usize) {
     (rows.next_multiple_of(MULTIPLE), cols.next_multiple_of(MULTIPLE))
@@ -43,7 +50,7 @@ pub(super) struct Features {
     model: ImagingModel,
     linear: Box<dyn PreparedDecoder>,
     convolver: Convolver,
-    /// Inverse mean measurement, row by row.
+    /// Inverse mean measurement, divided by the throughput, row by row.
     weights: Vec<f32>,
     /// Standard deviation, mean and coverage, row by row, as the network reads them.
     constant: [Vec<f32>; 3],
@@ -78,12 +85,13 @@ impl Features {
         let zeros = Array2::zeros(model.measurement_shape());
         let posterior = linear.standard_deviation(zeros.view(), cancel)?;
         let posterior = posterior.unwrap_or_else(|| Array2::zeros(model.field()));
+        let unit = unit_of(model.psf().sum());
         let mut coverage = vec![0.0; lit.len()];
-        convolver.blur_transposed(&vec![1.0; zeros.len()], &mut coverage, &mut convolver.blur_workspace());
+        convolver.blur_transposed(&vec![unit; zeros.len()], &mut coverage, &mut convolver.blur_workspace());
         let scaled = |image: &mut dyn Iterator<Item = &f32>| image.map(|value| value / deviation as f32).collect();
         Ok(Self {
             constant: [scaled(&mut posterior.iter()), scaled(&mut prior.mean().iter()), coverage],
-            weights: mean.iter().map(|&mean| 1.0 / mean.max(LEAST_MEAN)).collect(),
+            weights: mean.iter().map(|&mean| unit / mean.max(LEAST_MEAN)).collect(),
             model: model.clone(),
             linear,
             convolver,

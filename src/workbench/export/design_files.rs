@@ -48,7 +48,7 @@ pub fn design_outputs(folder: &Path) -> Vec<PathBuf> {
 /// `psf16.png` (0 to the PSF's maximum), `design.json`, `lenslets.csv` where there are lenslets, and `psf-COLOURS.png` where colours are
 /// requested. A table or colours from an earlier export of another mask are removed.
 ///
-/// `psf.npy` and `psf.tiff` hold (rows, cols) values that sum to 1, or (planes, rows, cols) where lenslets are focused
+/// `psf.npy` and `psf.tiff` hold (rows, cols) values that sum to the throughput of the mask, or (planes, rows, cols) where lenslets are focused
 /// on several planes; the PNG files show all planes together. No file appears before all are complete.
 ///
 /// # Errors

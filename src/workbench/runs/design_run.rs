@@ -303,15 +303,15 @@ pub struct Start {
 }
 
 impl Start {
-    /// The design with `count` random lenslets.
+    /// The design with `count` random lenslets and its own throughput.
     pub fn random(design: &Design, count: usize, seed: u64) -> Self {
-        let encoder = Encoder::Lenslets(random_layout(count, seed));
+        let encoder = Encoder::Lenslets(random_layout(count, seed)).with_throughput(design.encoder.throughput());
         Self { name: format!("{count} random, seed {seed}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 
-    /// The design with the published layout of `count` lenslets, 1 to 9.
+    /// The design with the published layout of `count` lenslets, 1 to 9, and its own throughput.
     pub fn heuristic(design: &Design, count: usize) -> Self {
-        let encoder = Encoder::Lenslets(heuristic_layout(count));
+        let encoder = Encoder::Lenslets(heuristic_layout(count)).with_throughput(design.encoder.throughput());
         Self { name: format!("heuristic, {count}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 }

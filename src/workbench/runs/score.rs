@@ -8,7 +8,7 @@ use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, estimate};
 use crate::forward::{Design, ForwardModel};
 use crate::information::{EngineChoice, Estimate, Estimator, MAX_PATCH_PIXELS};
-use crate::optics::Encoder;
+use crate::optics::{Encoder, heuristic_layout};
 use crate::progress::Progress;
 use crate::studies::{StudyCell, StudyDesign, StudyKind, StudyObjects, StudyRecord, StudySettings};
 use crate::workbench::runs::design_run::score_request;
@@ -58,7 +58,8 @@ pub fn score_whole(
     estimate(design, &score_within(design, None, budget), progress).map(Some)
 }
 
-/// The study that compares a run's result with its start and with heuristic layouts of the numbers of lenslets in `against`. Patches are
+/// The study that compares a run's result with its start and with heuristic layouts of the numbers of lenslets in `against`, all of the
+/// throughput of the start. Patches are
 /// of 32 x 32 px, as far as the measurements are as large; the whole sensor is added where a model can be fitted to it. Each estimate has
 /// `budget`. Estimates are brackets where the prior of the objects is known, live estimates otherwise.
 ///
@@ -83,10 +84,13 @@ pub fn score_settings(
     let named = |name: &str, encoder: &Encoder| StudyDesign { name: name.into(), encoder: encoder.clone() };
     let begun = record.checkpoints.first().map_or_else(|| start.encoder.clone(), mask_of);
     let designs = [named(RESULT, &record.result), named(START, &begun)];
+    // Masks are compared at the same light.
+    let throughput = start.encoder.throughput();
+    let layout = |count| StudyDesign::new(Encoder::Lenslets(heuristic_layout(count)).with_throughput(throughput));
     Ok(StudySettings {
         kind: StudyKind::Grid,
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
-        designs: designs.into_iter().chain(against.map(|(_, &count)| StudyDesign::heuristic(count))).collect(),
+        designs: designs.into_iter().chain(against.map(|(_, &count)| layout(count))).collect(),
         patches,
         estimator: scoring_estimator(start),
         budget_seconds: Some(budget.as_secs_f64()),

@@ -94,7 +94,7 @@ impl AnalyticGaussian {
 
     /// The bound for one point spread function.
     ///
-    /// - `psf`: shape (planes, rows, cols), the one announced; sums to 1 (or to the share of light let through).
+    /// - `psf`: shape (planes, rows, cols), the one announced; sums to the throughput, less the light of planes without objects.
     /// - `mean_measurement`: mean of the encoded image, bias included, photons per pixel: the variance of shot noise.
     /// - `entropy_y_given_x`: entropy of the noise, bits per pixel, from [`super::NoiseEntropy`].
     ///
