@@ -1,6 +1,7 @@
 //! Optical encoders: editable lenslets, a diffuser, or an imported PSF.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use ndarray::{Array2, Array3, Axis};
 use serde::{Deserialize, Serialize};
@@ -9,7 +10,7 @@ use super::diffuser::Diffuser;
 use super::import::{PsfError, normalised_psf};
 use super::lenslets::{LensletArray, LensletError};
 use super::psf::render_psf;
-use super::throughput::{OF_APERTURES, finish_debug, is_unit, unit};
+use super::throughput::{OF_APERTURES, OF_LENSLETS, finish_debug, is_unit, unit};
 
 use crate::plural::counted;
 
@@ -64,15 +65,19 @@ impl Encoder {
     /// # Errors
     /// [`LensletError`] names what is wrong.
     pub fn check(&self) -> Result<(), LensletError> {
+        let (found, allowed) = (self.throughput(), self.throughputs());
         match self {
             Self::Lenslets(array) => array.check(),
-            Self::Diffuser(Diffuser { throughput, .. }) | Self::Image(PsfImage { throughput, .. }) => {
-                if OF_APERTURES.contains(throughput) {
-                    Ok(())
-                } else {
-                    Err(LensletError::Throughput { found: *throughput, most: *OF_APERTURES.end() })
-                }
-            }
+            _ if allowed.contains(&found) => Ok(()),
+            _ => Err(LensletError::Throughput { found, most: *allowed.end() }),
+        }
+    }
+
+    /// Range of the throughput of this kind of encoder.
+    pub fn throughputs(&self) -> RangeInclusive<f64> {
+        match self {
+            Self::Lenslets(_) => OF_LENSLETS,
+            Self::Diffuser(_) | Self::Image(_) => OF_APERTURES,
         }
     }
 

@@ -1,8 +1,8 @@
 //! Throughput of a mask: the sum of its PSF over all planes of the mask.
 //!
-//! A PSF is a throughput times a kernel of sum 1. A mask of throughput 1 brings `mean_photons` of every plane of the
-//! objects to the sensor. An aperture blocks light, so its throughput is below 1. Lenslets in depth of weight 1 each
-//! collect more: k lenslets have throughput k.
+//! A PSF is a throughput times a kernel of sum 1. The mean measurement is the throughput times the mean of the objects,
+//! plus the background. An aperture blocks light, so its throughput is below 1. Lenslets in depth of weight 1 each collect
+//! more: k lenslets have throughput k.
 
 use std::fmt::{self, DebugStruct};
 use std::ops::RangeInclusive;

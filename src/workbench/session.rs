@@ -184,13 +184,13 @@ impl Session {
         }
     }
 
-    /// Applies a command to the design. An edit of the lenslets of a previewed mask accepts that mask. Every other command changes the
+    /// Applies a command to the design. An edit of a previewed mask accepts that mask. Every other command changes the
     /// open design, which is then shown again.
     ///
     /// # Errors
     /// [`CommandError`] where the command is not possible; the design then stays as it was.
     pub fn apply(&mut self, command: &Command) -> Result<(), CommandError> {
-        if !command.edits_lenslets() {
+        if !command.edits_mask() {
             self.end_preview();
         }
         let changed = command.applied_to(&self.design)?;

@@ -13,6 +13,7 @@ mod reconstruct;
 mod schemas;
 mod streams;
 mod study;
+mod throughput;
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};

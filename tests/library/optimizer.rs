@@ -3,7 +3,8 @@
 use std::ops::ControlFlow;
 
 use lenslet_studio::design::{
-    Free, IdealError, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, Objective, Preset, merged,
+    Checkpoint, Free, IdealError, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, IdealState, Objective,
+    Preset, merged,
 };
 use lenslet_studio::formats::write_array;
 use lenslet_studio::forward::{Design, ForwardModel};
@@ -83,6 +84,26 @@ fn run<'a>(forward: &'a ForwardModel, start: &LensletArray, settings: IdealSetti
         ideal.advance(&mut CancelToken::new()).unwrap();
     }
     ideal
+}
+
+/// A factor that is a power of two changes no digit.
+#[test]
+fn dim_mask_is_optimized_as_at_less_light_and_keeps_its_throughput() {
+    for settings in [settings(), up_the_posterior()] {
+        let state = |mean_photons: f64, throughput: f64| {
+            let options = ObjectOptions { field: (27, 27), mean_photons };
+            let forward = forward_model(&ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap());
+            run(&forward, &two().with_throughput(throughput), settings.clone()).state().clone()
+        };
+        let (bright, dim) = (state(100.0, 1.0), state(400.0, 0.25));
+        assert!(dim.checkpoints.iter().all(|checkpoint| checkpoint.array.throughput == 0.25));
+        let path = |state: &IdealState| {
+            let step = |checkpoint: &Checkpoint| (checkpoint.array.lenslets.clone(), checkpoint.bits_per_pixel);
+            state.checkpoints.iter().map(step).collect::<Vec<_>>()
+        };
+        assert_eq!(path(&bright), path(&dim), "{:?}", settings.objective);
+        assert_ne!(dim.array.lenslets, two().lenslets);
+    }
 }
 
 #[test]
@@ -190,7 +211,7 @@ fn the_published_procedure_sharpens_a_lenslet_too() {
         IdealSettings { steps: 40, patches: 64, refit_every: 20, first_fit: 60, refit: 60, rates, ..up_a_pixelcnn() };
     let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
-    let width = |checkpoint: &lenslet_studio::design::Checkpoint| checkpoint.array.lenslets[0].spot.mean_sigma();
+    let width = |checkpoint: &Checkpoint| checkpoint.array.lenslets[0].spot.mean_sigma();
     assert!(width(last) < width(first) - 0.3, "{last:?}");
     assert!(last.lower.is_some_and(|lower| lower.interval_95[0] < last.interval_95[1]), "{last:?}");
 }

@@ -273,6 +273,35 @@ fn presets_replace_the_mask() {
 }
 
 #[test]
+fn typed_throughput_dims_the_mask_in_one_undo_step() {
+    let mut window = open(Design::default());
+    let mean = |window: &Window| {
+        studio(window).session().live().measurements.unwrap().value.noiseless.mapv(f64::from).mean().unwrap()
+    };
+    let throughput = |window: &Window| studio(window).session().design().encoder.throughput();
+    let (whole, psf) = (mean(&window), studio(&window).session().live().optics.unwrap().value.psf.clone());
+    type_number(&mut window, "Throughput", "0.25");
+    settle(&mut window);
+    assert_eq!(throughput(&window), 0.25);
+    let background = Design::default().bias_photons;
+    assert!((mean(&window) - background - 0.25 * (whole - background)).abs() < 1e-3 * whole);
+    assert_eq!(studio(&window).session().live().optics.unwrap().value.psf, psf.mapv(|light| 0.25 * light));
+    window.get_by_label("Times a throughput of 0.250 on the sensor");
+    type_number(&mut window, "Throughput", "65");
+    window.get_by_label_contains("between 0.000001 and 64");
+    assert_eq!(throughput(&window), 0.25, "beyond the range nothing changes");
+    menu(&mut window, &["Edit", "Undo set throughput to 0.25"]);
+    settle(&mut window);
+    assert_eq!((throughput(&window), mean(&window)), (1.0, whole));
+
+    menu(&mut window, &["Presets", "Diffuser", "Aperture 16 px"]);
+    let of_aperture = throughput(&window);
+    assert!((0.1..0.6).contains(&of_aperture), "an aperture blocks light: {of_aperture}");
+    type_number(&mut window, "Throughput", "1");
+    assert_eq!(throughput(&window), 1.0, "the light is kept");
+}
+
+#[test]
 fn typed_number_applies_to_selection() {
     let mut window = open(Design::default());
     click(&mut window, "Edit");

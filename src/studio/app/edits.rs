@@ -23,7 +23,7 @@ impl State {
             }
             _ => {}
         }
-        match (are_others, command.edits_lenslets()) {
+        match (are_others, command.edits_mask()) {
             // An edit of a previewed mask accepts it.
             (true, true) => self.locks.check(self.session.lenslets()),
             // The preview has ended.

@@ -137,7 +137,7 @@ impl Column {
             Self::X => "Column of the centre, pixels",
             Self::Y => "Row of the centre, pixels",
             Self::Width => "Standard deviation of the spot, pixels",
-            Self::Weight => "Share of the light, before all are scaled to sum 1",
+            Self::Weight => "Share of the light, before all are scaled to the throughput",
             Self::Plane => "Depth plane in focus",
         }
     }

@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 
 use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec2};
 
-use crate::optics::{Lenslet, LensletArray};
+use crate::optics::{Encoder, Lenslet, LensletArray};
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion, Shown};
 use crate::studio::canvas::pan_zoom::{CLICK_REACH, PointerMode, is_panning, zoomed_by_keys};
 use crate::studio::panels::parts::action_entry;
@@ -25,6 +25,7 @@ use crate::studio::state::request::Request;
 use crate::studio::state::selection::Selection;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{placeholder, toolbar};
+use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{Command, LensletChange};
 
 /// Step of an arrow key, PSF px.
@@ -67,6 +68,7 @@ pub fn show(
                 ui.label(format!("Significant: {significant} of {}", gradients.len()));
             }
         });
+        throughput(ui, &view.design.encoder, requests);
         let text = match (view.lenslet_count(), selection.indices().len()) {
             (0, _) => view.design.encoder.describe(),
             (_, 0) => "Double-click adds a lenslet, drag moves it, wheel changes its weight".into(),
@@ -124,6 +126,16 @@ pub fn show(
         draw_arrows(ui, canvas);
     }
     keyboard(ui, canvas, &mut edited, &shown);
+}
+
+/// Shows the throughput of the mask.
+fn throughput(ui: &mut Ui, encoder: &Encoder, requests: &mut Vec<Request>) {
+    let field = NumberField::new("Throughput", encoder.throughputs()).prefix("Throughput ").speed(0.002);
+    let (response, edit) = field.show(ui, encoder.throughput());
+    response.on_hover_text("Sum of the PSF: the share of the light that reaches the sensor");
+    if let Some(edit) = edit {
+        requests.push(Request::ChangeBy(edit, Command::SetThroughput(edit.value)));
+    }
 }
 
 /// Gestures on the image: box selection, deselection, adding.

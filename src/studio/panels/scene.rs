@@ -9,6 +9,7 @@ use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::Command;
 
@@ -106,6 +107,9 @@ fn objects(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
             }
             ui.weak("photons per pixel");
         });
+    }
+    if let Some(throughput) = design.encoder.throughput_unless_unit() {
+        ui.weak(format!("Times a throughput of {} on the sensor", format_significant(throughput)));
     }
     if let Some(scene) = view.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
         ui.weak(scene.value.set.describe());

@@ -38,6 +38,8 @@ pub enum Command {
         /// The design.
         design: Arc<Design>,
     },
+    /// Changes the throughput of the mask.
+    SetThroughput(f64),
     /// Images other objects.
     SetObjects(ObjectSource),
     /// Scales the objects to another mean, photons per pixel.
@@ -108,6 +110,7 @@ impl Command {
             },
             Self::ReplaceEncoder { name, .. } => format!("Use {name}"),
             Self::ReplaceDesign { name, .. } => format!("Open {name}"),
+            Self::SetThroughput(throughput) => format!("Set throughput to {throughput}"),
             Self::SetObjects(source) => format!("Image {source}"),
             Self::SetMeanPhotons(photons) => format!("Set mean to {}", counted(*photons, "photon")),
             Self::SetBias(photons) => format!("Set background to {}", counted(*photons, "photon")),
@@ -117,9 +120,12 @@ impl Command {
         }
     }
 
-    /// Whether the command edits the existing lenslets.
-    pub fn edits_lenslets(&self) -> bool {
-        matches!(self, Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. })
+    /// Whether the command edits the mask: lenslets or throughput.
+    pub fn edits_mask(&self) -> bool {
+        matches!(
+            self,
+            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. } | Self::SetThroughput(_)
+        )
     }
 
     /// Whether the command keeps the lenslets, at most moved or changed, so that indices mean the same ones.
@@ -143,6 +149,7 @@ impl Command {
             | Self::ReplaceDesign { .. } => return None,
             // The density is dragged and typed; another kind of objects is chosen.
             Self::SetObjects(source) => format!("objects {:?}", std::mem::discriminant(source)),
+            Self::SetThroughput(_) => "throughput".into(),
             Self::SetMeanPhotons(_) => "mean photons".into(),
             Self::SetBias(_) => "background".into(),
             Self::SetNoise(_) => "noise".into(),
@@ -179,6 +186,7 @@ impl Command {
             }
             Self::ReplaceEncoder { encoder, .. } => changed.encoder = encoder.clone(),
             Self::ReplaceDesign { design, .. } => changed.clone_from(design),
+            Self::SetThroughput(throughput) => changed.encoder.set_throughput(*throughput),
             Self::SetObjects(source) => changed.objects = source.clone(),
             Self::SetMeanPhotons(photons) => changed.mean_photons = *photons,
             Self::SetBias(photons) => changed.bias_photons = *photons,
@@ -226,5 +234,9 @@ mod tests {
         assert_eq!(beyond, CommandError::Index { number: 10, count: 9 });
         let dark = Command::SetMeanPhotons(f64::NAN).applied_to(&design);
         assert!(matches!(dark, Err(CommandError::Design(DesignError::Setting { .. }))));
+        let bright = Command::SetThroughput(65.0).applied_to(&design).unwrap_err().to_string();
+        assert_eq!(bright, "the throughput is 65.0; expected 0.000001 to 64");
+        let dim = Command::SetThroughput(0.3).applied_to(&design).unwrap();
+        assert_eq!(dim.encoder, design.encoder.with_throughput(0.3));
     }
 }
