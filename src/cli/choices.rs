@@ -22,9 +22,9 @@ pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
     OsStringValueParser::new().try_map(|text| MaskSource::from_os(&text))
 }
 
-/// Makes or reads the mask, and reports how its file was understood.
-pub fn open_mask(mask: &MaskSource, seed: u64) -> anyhow::Result<Encoder> {
-    let opened = mask.mask(seed)?;
+/// Makes or reads the mask for the objects of a design, and reports how its file was understood.
+pub fn open_mask(mask: &MaskSource, design: &Design) -> anyhow::Result<Encoder> {
+    let opened = mask.mask(design.seed, &design.objects)?;
     opened.notices.iter().for_each(output::report);
     Ok(opened.encoder)
 }

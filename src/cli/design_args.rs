@@ -23,7 +23,7 @@ pub struct DesignArgs {
     /// Design file, or - for standard input [default: the default design]. Flags replace its entries.
     design: Option<PathBuf>,
 
-    /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5 (depth:3:2 for volumes of 2 planes), diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
+    /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
     /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file.
     #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = mask_argument())]
     mask: Option<MaskSource>,
@@ -99,15 +99,15 @@ impl DesignArgs {
         if let Some(seed) = self.seed {
             design.seed = seed;
         }
+        scene.replace_in(&mut design);
         if let Some(side) = self.resample {
             check_count("--resample", side, 1..=LensletArray::MAX_SIDE)?;
         }
         if let Some(mask) = &self.mask {
             let resampled = self.resample.map(|side| mask.resampled(side)).transpose()?;
-            design.encoder = open_mask(resampled.as_ref().unwrap_or(mask), design.seed)?;
+            design.encoder = open_mask(resampled.as_ref().unwrap_or(mask), &design)?;
         }
         self.throughput.replace_in(&mut design);
-        scene.replace_in(&mut design);
         design.check()?;
         Ok(design)
     }

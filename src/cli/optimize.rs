@@ -259,8 +259,8 @@ impl Arguments {
         self.scene.replace_in(&mut design);
         let usual = MaskSource::Random(USUAL_LENSLETS);
         match (&self.start, &self.design) {
-            (Some(choice), _) => design.encoder = open_mask(choice, design.seed)?,
-            (None, None) => design.encoder = open_mask(&usual, design.seed)?,
+            (Some(choice), _) => design.encoder = open_mask(choice, &design)?,
+            (None, None) => design.encoder = open_mask(&usual, &design)?,
             (None, Some(_)) => {}
         }
         self.throughput.replace_in(&mut design);

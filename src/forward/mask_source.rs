@@ -11,6 +11,7 @@ use thiserror::Error;
 
 use crate::formats::{ImageFile, path_text, split_kind};
 use crate::forward::{Design, DesignFileError};
+use crate::objects::ObjectSource;
 use crate::optics::{
     Diffuser, Encoder, LensletArray, LensletFitError, PsfError, depth_layout, fit_lenslets, heuristic_layout,
     import_psf, psf_file, random_layout,
@@ -18,8 +19,8 @@ use crate::optics::{
 
 const CHOICES: &str =
     "heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE, or design:FILE";
-/// Depth planes of a volume where the name of the mask has none.
-const DEPTH_PLANES: usize = 5;
+/// Most lenslets and planes of a depth layout.
+const MOST_DEPTH: usize = 5;
 
 /// A mask by its name. Each variant gives its text form (`Display`, `FromStr`, serde).
 ///
@@ -28,7 +29,8 @@ const DEPTH_PLANES: usize = 5;
 ///
 /// let source: MaskSource = "heuristic:9".parse()?;
 /// assert_eq!(source, MaskSource::Heuristic(9));
-/// assert_eq!(source.mask(1)?.encoder.psf(1)?.dim(), (1, 32, 32));
+/// let objects = "beads:0.02".parse()?;
+/// assert_eq!(source.mask(1, &objects)?.encoder.psf(1)?.dim(), (1, 32, 32));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -38,13 +40,8 @@ pub enum MaskSource {
     Heuristic(usize),
     /// `random:25`: lenslets at random places, drawn with the seed of the design.
     Random(usize),
-    /// `depth:3`: 1 to 5 lenslets, each in focus at its own depth plane; see [`depth_layout`].
-    Depth {
-        /// Number of lenslets, and throughput of the mask.
-        count: usize,
-        /// Depth planes of the objects, 1 to 5: `depth:3:2` is for two planes, `depth:3` for five.
-        planes: usize,
-    },
+    /// `depth:3`: 1 to 5 lenslets, each in focus at its own depth plane of the objects; see [`depth_layout`].
+    Depth(usize),
     /// `diffuser:32`: a diffuser behind a square aperture of this side in pixels, drawn with the seed of the design. The
     /// aperture blocks the light outside.
     Diffuser(usize),
@@ -111,18 +108,14 @@ impl MaskSource {
         let wrong = || refused(CHOICES.to_owned());
         let (kind, path) = split_kind(text).ok_or_else(wrong)?;
         let (rest, is_named) = (path.to_string_lossy(), !path.as_os_str().is_empty());
-        let number = |text: &str, range: RangeInclusive<usize>| match text.parse::<usize>() {
+        let count = |range: RangeInclusive<usize>| match rest.parse::<usize>() {
             Ok(count) if range.contains(&count) => Ok(count),
             _ => Err(refused(format!("{} to {} after {kind}:", range.start(), range.end()))),
         };
-        let count = |range| number(&rest, range);
         Ok(match kind {
             "heuristic" => Self::Heuristic(count(1..=9)?),
             "random" => Self::Random(count(1..=LensletArray::MAX_LENSLETS)?),
-            "depth" => {
-                let (count, planes) = rest.split_once(':').unwrap_or((&rest, "5"));
-                Self::Depth { count: number(count, 1..=DEPTH_PLANES)?, planes: number(planes, 1..=DEPTH_PLANES)? }
-            }
+            "depth" => Self::Depth(count(1..=MOST_DEPTH)?),
             "diffuser" => Self::Diffuser(count(1..=Diffuser::GRID)?),
             "psf" if is_named => psf_file(&path).map(|(path, side)| Self::Psf(path, side))?,
             "fit" if is_named => psf_file(&path).map(|(path, side)| Self::Fit(path, side))?,
@@ -165,20 +158,21 @@ impl MaskSource {
                 Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
             }
             Self::Design(path) => Some(path.clone()),
-            Self::Heuristic(_) | Self::Random(_) | Self::Depth { .. } | Self::Diffuser(_) => None,
+            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
         }
     }
 
-    /// Makes or reads the mask. Random masks are drawn with `seed`.
+    /// Makes or reads the mask. Random masks are drawn with `seed`. Lenslets in depth focus on the planes of `objects`, up
+    /// to five; before objects that are no volume they have the published planes of five.
     ///
     /// # Errors
     /// [`MaskError`] where its file cannot be read, or no lenslets can be fitted.
-    pub fn mask(&self, seed: u64) -> Result<OpenedMask, MaskError> {
+    pub fn mask(&self, seed: u64, objects: &ObjectSource) -> Result<OpenedMask, MaskError> {
         let made = |encoder| Ok(OpenedMask { encoder, notices: Vec::new() });
         match self {
             Self::Heuristic(count) => made(Encoder::Lenslets(heuristic_layout(*count))),
             Self::Random(count) => made(Encoder::Lenslets(random_layout(*count, seed))),
-            Self::Depth { count, planes } => made(Encoder::Lenslets(depth_layout(*count, *planes))),
+            Self::Depth(count) => made(Encoder::Lenslets(depth_layout(*count, planes_of(objects)))),
             Self::Diffuser(aperture_px) => made(Encoder::Diffuser(Diffuser::behind_aperture(*aperture_px, seed))),
             Self::Design(path) => made(Design::open(path)?.encoder),
             Self::Psf(path, side) => image_of(path, *side),
@@ -189,6 +183,14 @@ impl MaskSource {
                 Ok(OpenedMask { encoder: Encoder::Lenslets(fitted.array), notices })
             }
         }
+    }
+}
+
+/// Planes that a depth layout is made for.
+fn planes_of(objects: &ObjectSource) -> usize {
+    match objects {
+        ObjectSource::Volume { planes, .. } => (*planes).clamp(1, MOST_DEPTH),
+        _ => MOST_DEPTH,
     }
 }
 
@@ -230,8 +232,7 @@ impl fmt::Display for MaskSource {
         match self {
             Self::Heuristic(count) => write!(f, "heuristic:{count}"),
             Self::Random(count) => write!(f, "random:{count}"),
-            Self::Depth { count, planes: DEPTH_PLANES } => write!(f, "depth:{count}"),
-            Self::Depth { count, planes } => write!(f, "depth:{count}:{planes}"),
+            Self::Depth(count) => write!(f, "depth:{count}"),
             Self::Diffuser(aperture) => write!(f, "diffuser:{aperture}"),
             Self::Psf(path, side) => image(f, "psf", path, side),
             Self::Fit(path, side) => image(f, "fit", path, side),
@@ -252,29 +253,26 @@ mod tests {
             ("psf:a/b.npy", MaskSource::Psf("a/b.npy".into(), None)),
             ("psf:me@lab/psf.npy", MaskSource::Psf("me@lab/psf.npy".into(), None)),
             ("psf:a@b.png@48", MaskSource::Psf("a@b.png".into(), Some(48))),
-            ("depth:3", MaskSource::Depth { count: 3, planes: 5 }),
-            ("depth:3:2", MaskSource::Depth { count: 3, planes: 2 }),
+            ("depth:3", MaskSource::Depth(3)),
             ("diffuser:16", MaskSource::Diffuser(16)),
             ("design:a.json", MaskSource::Design("a.json".into())),
         ] {
             assert_eq!(text.parse::<MaskSource>().unwrap(), expected);
             assert_eq!(expected.to_string(), text);
         }
-        for wrong in [
-            "",
-            "9",
-            "heuristic:0",
-            "heuristic:10",
-            "depth:6",
-            "depth:1:0",
-            "depth:1:",
-            "random:x",
-            "psf:",
-            "psf:a@0",
-            "lens:1",
-        ] {
+        for wrong in ["", "9", "heuristic:0", "heuristic:10", "depth:6", "random:x", "psf:", "psf:a@0", "lens:1"] {
             assert!(wrong.parse::<MaskSource>().is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn lenslets_in_depth_focus_on_the_planes_of_the_objects() {
+        let planes = |objects: &str| {
+            let mask = MaskSource::Depth(3).mask(1, &objects.parse().unwrap()).unwrap().encoder;
+            mask.lenslets().unwrap().lenslets.iter().map(|lenslet| lenslet.plane).collect::<Vec<_>>()
+        };
+        assert_eq!(planes("volume:2:0.02"), [1, 0, 2]);
+        assert_eq!([planes("volume:5:0.02"), planes("volume:9:0.02"), planes("beads:0.02")], [[2, 0, 4]; 3]);
     }
 
     #[test]

@@ -56,7 +56,7 @@ fn throughputs_out_of_range_are_refused() {
         ("bounds --throughput 0", "the throughput is 0.0; expected 0.000001 to 64"),
         ("bounds --mask diffuser:8 --throughput 1.5", "the throughput is 1.5; expected 0.000001 to 1"),
         ("optimize --start heuristic:2 --throughput 65 --out out", "expected 0.000001 to 64"),
-        ("bounds --mask depth:3:6", "1 to 5"),
+        ("bounds --mask depth:6", "1 to 5"),
     ] {
         let sentence = bench.refused(line);
         assert!(sentence.contains(part), "{line}: {sentence}");

@@ -89,7 +89,7 @@ impl Series {
 pub fn published_value(cell: &CellSettings) -> Option<Published> {
     let StudyMask::Given(source) = &cell.mask else { return None };
     let crate::forward::MaskSource::Heuristic(_) = source else { return None };
-    let encoder = source.mask(cell.seed).ok()?.encoder;
+    let encoder = source.mask(cell.seed, &cell.objects).ok()?.encoder;
     published(&cell.design(encoder), cell.published_as, cell.patch.shape())
 }
 
@@ -154,7 +154,7 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
 /// Place of a cell on a numeric x axis. A whole sensor lies where a patch of its size would.
 fn place_of(x: Facet, cell: &CellSettings) -> Option<f64> {
     let whole = || {
-        let model = cell.mask.source().mask(cell.seed).ok()?.encoder.grid();
+        let model = cell.mask.source().mask(cell.seed, &cell.objects).ok()?.encoder.grid();
         // The published field; a set of another one is placed beyond all patches as well.
         Some(((96_usize.saturating_sub(model.0) + 1) * (96_usize.saturating_sub(model.1) + 1)) as f64)
     };

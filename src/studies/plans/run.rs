@@ -190,7 +190,7 @@ fn compute(
     report: &mut (dyn FnMut(&str) -> std::ops::ControlFlow<()> + Send),
 ) -> Result<Computed, CellError> {
     let cell = &folder.cells()[index];
-    let opened = cell.mask.source().mask(cell.seed)?;
+    let opened = cell.mask.source().mask(cell.seed, &cell.objects)?;
     let start = opened.encoder;
     let encoder = match &cell.mask {
         StudyMask::Given(_) => start,
@@ -283,7 +283,14 @@ impl Fingerprints {
     }
 
     fn mask(&mut self, settings: &CellSettings) -> Option<&String> {
-        let open = || settings.mask.source().mask(settings.seed).ok().map(|mask| content_key(&json_of(&mask.encoder)));
+        let open = || {
+            settings
+                .mask
+                .source()
+                .mask(settings.seed, &settings.objects)
+                .ok()
+                .map(|mask| content_key(&json_of(&mask.encoder)))
+        };
         self.masks.entry(settings.mask.to_string()).or_insert_with(open).as_ref()
     }
 }
