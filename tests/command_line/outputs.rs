@@ -267,8 +267,8 @@ fn beads_that_no_light_comes_from_are_told_before_a_fit() {
 #[test]
 fn light_from_planes_that_the_objects_do_not_have_is_told() {
     let bench = Bench::new();
-    let part = "33.3 % of the PSF lies on planes that these objects do not have: they have 3, the mask has 5";
-    let scene = "--mask depth:3 --objects volume:3:0.02";
+    let part = "25.0 % of the PSF lies on planes that these objects do not have: they have 3, the mask has 4";
+    let scene = "--mask depth:4 --objects volume:3:0.02";
     let sizes = "--patch 6 --patches-train 60 --patches-test 20";
     for (line, entry) in [
         (format!("bounds {scene}"), "notices"),

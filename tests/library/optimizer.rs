@@ -90,6 +90,7 @@ fn run<'a>(forward: &'a ForwardModel, start: &LensletArray, settings: IdealSetti
 #[test]
 fn dim_mask_is_optimized_as_at_less_light_and_keeps_its_throughput() {
     for settings in [settings(), up_the_posterior()] {
+        let settings = IdealSettings { steps: 4, first_fit: 20, last_fit: 10, ..settings };
         let state = |mean_photons: f64, throughput: f64| {
             let options = ObjectOptions { field: (27, 27), mean_photons };
             let forward = forward_model(&ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap());
