@@ -28,7 +28,7 @@ fn small_design(folder: &Path) -> Design {
     });
     write_array(&path, bars.view().into_dyn()).unwrap();
     let lenslets = vec![Lenslet::round(2.0, 3.0, 0.8, 0.6), Lenslet::round(6.0, 5.0, 0.8, 0.4)];
-    let encoder = Encoder::Lenslets(LensletArray { rows: 9, cols: 9, lenslets });
+    let encoder = Encoder::Lenslets(LensletArray::new(9, 9, lenslets));
     Design { objects: ObjectSource::Stack(path), encoder, ..Design::default() }
 }
 

@@ -97,7 +97,7 @@ mod tests {
     fn any_mask_is_one_of_lenslets() {
         let lenslets = Encoder::Lenslets(crate::optics::heuristic_layout(3));
         assert!(matches!(TrainingMasks::any(&lenslets), Ok(TrainingMasks::Any { psf }) if psf == lenslets.grid()));
-        let diffuser = Encoder::Diffuser(crate::optics::Diffuser { aperture_px: 8, seed: 1 });
+        let diffuser = Encoder::Diffuser(crate::optics::Diffuser::with_light_kept(8, 1));
         let sentence = TrainingMasks::any(&diffuser).unwrap_err().to_string();
         assert!(sentence.contains("expected a mask of lenslets, found diffuser, aperture 8 px"), "{sentence}");
     }
