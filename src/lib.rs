@@ -33,6 +33,7 @@
 //! - Every random draw has an explicit seed; the generator is ChaCha, one stream per image or patch, so results do
 //!   not depend on the number of threads.
 
+pub mod camera;
 #[cfg(feature = "cli")]
 pub mod cli;
 pub mod design;

@@ -61,6 +61,8 @@ pub enum SeedStream {
     ReconstructionPrior,
     /// Weights, objects and noise of a network that reconstructs.
     ReconstructionNetwork,
+    /// Fresh noise of images of a camera at equal light.
+    EqualLight,
     /// One batch of objects, by the index of its first one.
     Batch {
         /// Index of the first object.
@@ -131,6 +133,7 @@ impl SeedStream {
             Self::ReconstructionNoise => 12,
             Self::ReconstructionPrior => 13,
             Self::ReconstructionNetwork => 14,
+            Self::EqualLight => 15,
             Self::Batch { first: index } | Self::Block { index } => index as u64,
             Self::TrainingProblem { number } => number,
             Self::BatchNoise => u64::MAX,

@@ -76,7 +76,7 @@ pub struct SceneArgs {
 
     /// Noise of the sensor: shot, read:SIGMA, shot+read:SIGMA or none.
     #[arg(long)]
-    noise: Option<Noise>,
+    pub(super) noise: Option<Noise>,
 }
 
 impl DesignArgs {

@@ -7,16 +7,13 @@ use clap::Args;
 
 use super::choices::{
     BudgetChoice, EstimatorChoice, InitArgs, about_objects, check_count, check_patches, is_same_file,
-    measurements_argument,
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
+use super::measurements::MeasuredArgs;
 use super::output;
 use super::output::ProgressLine;
-use crate::evaluation::{
-    Calibration, DensityModel, EstimateProgress, EstimateRequest, MeasuredImages, MeasuredSource, WeightsFiles,
-    estimate, is_checkpoint_file,
-};
+use crate::evaluation::{DensityModel, EstimateProgress, EstimateRequest, WeightsFiles, estimate, is_checkpoint_file};
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::{Bracket, EngineChoice, Estimate, Estimator, Protocol, interval_behind};
@@ -96,31 +93,6 @@ pub struct Arguments {
     json: bool,
 }
 
-/// Images of a camera in place of a design.
-#[derive(Args, Debug)]
-#[command(next_help_heading = "Measurements of a camera")]
-struct MeasuredArgs {
-    /// Images of a camera in place of a design: a file (NPY, NPZ, TIFF, PNG) or a folder. FILE?axis=last names the axis of an
-    /// array that counts images.
-    #[arg(
-        long, value_name = "PATH", value_parser = measurements_argument(),
-        conflicts_with_all = ["design", "mask", "objects", "mean_photons", "bias"]
-    )]
-    measurements: Option<MeasuredSource>,
-
-    /// System gain, grey value (DN) per photon: photons = (DN - offset) / gain. --noise is that of the photons.
-    #[arg(long, value_name = "DN", default_value_t = 1.0, requires = "measurements")]
-    gain: f64,
-
-    /// Grey value (DN) without light.
-    #[arg(long, value_name = "DN", default_value_t = 0.0, requires = "measurements", allow_negative_numbers = true)]
-    offset: f64,
-
-    /// Sum photons over squares of this side.
-    #[arg(long, value_name = "PIXELS", default_value_t = 1, requires = "measurements")]
-    bin: usize,
-}
-
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
@@ -164,7 +136,11 @@ impl Arguments {
                 return Err(anyhow::anyhow!(advice).into());
             }
         }
-        let design = self.design.design(&self.scene)?;
+        self.measured.check()?;
+        let mut design = self.design.design(&self.scene)?;
+        if let (None, Some(noise)) = (self.scene.noise, self.measured.camera_noise()?) {
+            design.noise = noise;
+        }
         self.check_files(&design)?;
         let model = DensityModel::new(estimator, budget, self.engine.unwrap_or_default());
         let request = EstimateRequest {
@@ -186,12 +162,23 @@ impl Arguments {
             progress_line.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };
-        let result = if let Some(source) = &self.measured.measurements {
-            let MeasuredArgs { gain, offset, bin, .. } = self.measured;
-            let images = MeasuredImages::open(source, &Calibration { gain, offset, bin }, &mut on_progress)?;
-            images.estimate(&request, design.noise, design.seed, &mut on_progress)?
-        } else {
-            estimate(&design, &request, &mut on_progress).map_err(|error| about_objects(&design, error))?
+        let noise = (design.noise, design.seed);
+        let result = match &self.measured.measurements[..] {
+            [] => estimate(&design, &request, &mut on_progress).map_err(|error| about_objects(&design, error))?,
+            [source] => self.measured.estimate(source, &request, noise, &mut on_progress)?,
+            _ => {
+                if self.resume.is_some() || self.weights.is_some() || self.save_weights.is_some() {
+                    let advice = "--resume, --weights and --save-weights are for one system; give --measurements once";
+                    return Err(anyhow::anyhow!(advice).into());
+                }
+                let compared = self.measured.compare(&request, noise, &mut on_progress)?;
+                progress_line.finish();
+                return if self.json {
+                    output::print_json(&compared.marked())
+                } else {
+                    output::print(&compared.lines(lines_of).join("\n"))
+                };
+            }
         };
         progress_line.finish();
         let printed =
@@ -224,9 +211,10 @@ impl Arguments {
             );
         }
         let mut inputs = self.design.files(design);
-        if let Some(source) = &self.measured.measurements {
+        for source in &self.measured.measurements {
             inputs.extend(source.files()?);
         }
+        inputs.extend(self.measured.files());
         // Checkpoint files are removed before and after an estimate.
         let named = inputs.iter().chain(&self.save_weights);
         if let Some(kept) = &self.resume

@@ -4,6 +4,7 @@
 //! input, wrong usage, or a file that cannot be read or written; 101 a bug.
 
 mod bounds;
+mod calibrate;
 mod choices;
 mod comparison;
 mod design_args;
@@ -11,6 +12,7 @@ mod estimate;
 mod export;
 mod failure;
 mod headless;
+mod measurements;
 mod optimize;
 mod optimize_runs;
 mod output;
@@ -68,6 +70,8 @@ enum Command {
     Bounds(bounds::Arguments),
     /// Estimate the information of a design's measurements, in bits per pixel.
     Estimate(estimate::Arguments),
+    /// Calibrate a camera after EMVA 1288: system gain, noise, saturation and nonuniformity from frames.
+    Calibrate(calibrate::Arguments),
     /// Optimize a mask by the information of its measurements (IDEAL), resumable, into a folder.
     #[command(alias = "design")]
     Optimize(optimize::Arguments),
@@ -129,6 +133,7 @@ fn dispatch(arguments: Arguments) -> Result<(), Failure> {
         Some(Command::Simulate(arguments)) => arguments.run(),
         Some(Command::Bounds(arguments)) => arguments.run(),
         Some(Command::Estimate(arguments)) => arguments.run(),
+        Some(Command::Calibrate(arguments)) => arguments.run(),
         Some(Command::Optimize(arguments)) => arguments.run(),
         Some(Command::Study(arguments)) => arguments.run(),
         Some(Command::Reconstruct(arguments)) => arguments.run(),

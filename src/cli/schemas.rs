@@ -9,7 +9,8 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-use super::{bounds, export, optimize, reproduce, simulate, tamura};
+use super::{bounds, calibrate, export, measurements, optimize, reproduce, simulate, tamura};
+use crate::camera::CameraFile;
 use crate::design::IdealSettings;
 use crate::forward::Design;
 use crate::information::Estimate;
@@ -89,6 +90,10 @@ fn pages() -> Vec<Page> {
             WITH_MASKS,
         ),
         of_kind(
+            written::<measurements::Compared>("system-comparison", "The JSON of estimate for several systems"),
+            "lenslet-studio/system-comparison",
+        ),
+        of_kind(
             written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
             "lenslet-studio/decoder-study",
             WITH_MASKS,
@@ -99,6 +104,8 @@ fn pages() -> Vec<Page> {
             "lenslet-studio/live-estimate",
             WITH_MASKS,
         ),
+        of_kind(written::<CameraFile>("camera", "A camera file"), "lenslet-studio/camera"),
+        of_kind(written::<calibrate::Calibrated>("calibrate-output", "The JSON of calibrate"), "lenslet-studio/camera"),
         written::<IdealSettings>("optimize-config", "The JSON of optimize --print-config"),
         written::<export::Exported>("export-output", "The JSON of export"),
         written::<simulate::Measured>("simulate-output", "The JSON of simulate"),

@@ -4,6 +4,7 @@ use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};
 
 use crate::evaluation::measured_error::MeasuredError;
+use crate::plural::counted;
 use crate::sensor::Noise;
 
 /// Largest distance of grey values that read noise hides, in its standard deviations.
@@ -67,7 +68,8 @@ impl Calibration {
     pub(crate) fn describe(&self) -> String {
         let Self { gain, offset, bin } = *self;
         let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
-        format!("photons are (grey level - {offset}) / {gain}{sum}")
+        let inverse = (1e5 / gain).round() / 1e5;
+        format!("photons are (grey level - {offset}) / {gain} ({} per DN){sum}", counted(inverse, "photon"))
     }
 
     /// Photons of one grey value.

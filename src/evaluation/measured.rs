@@ -1,9 +1,7 @@
 //! Estimates from the measurements of a camera: without a design and without clean images.
 
-use std::ffi::OsStr;
-use std::fmt;
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::borrow::Cow;
+use std::path::PathBuf;
 
 use ndarray::{Array3, ArrayView3, Axis};
 use rand::SeedableRng;
@@ -15,16 +13,19 @@ use serde_json::json;
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
 use crate::evaluation::estimation::{TrialContext, network_trial};
+use crate::evaluation::measured_checks::{
+    BELOW_ZERO_SATURATED, SATURATED, WRAPPED, below_zero, few_photons_note, neighbour_note,
+};
 use crate::evaluation::measured_error::MeasuredError;
+use crate::evaluation::measured_source::MeasuredSource;
 use crate::evaluation::patch_source::LARGEST_PATCHES_BYTES;
-use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step, report_understood};
+use crate::evaluation::pixel_calibration::Origins;
+use crate::evaluation::progress::{EstimateProgress, converting, in_trial, report_step};
 use crate::evaluation::request::{DensityModel, EstimateRequest};
-use crate::formats::{FormatError, ImageSummary, image_files, path_text};
 use crate::information::{
     CausalRequest, Covariance, Estimate, GaussianRequest, InformationError, NoiseEntropy, PatchBatch, PatchStream,
-    PixelCnnRequest, Protocol, Provenance, SharedImages, Trial, causal_estimate, gaussian_estimate,
+    PixelCnnRequest, Protocol, Provenance, SharedImages, TestPatches, Trial, causal_estimate, gaussian_estimate,
 };
-use crate::objects::ObjectSource;
 use crate::plural::counted;
 use crate::progress::Progress;
 use crate::seeds::SeedStream;
@@ -35,82 +36,6 @@ const TEST_SHARE: usize = 5;
 /// One training image in this many is held out for early stopping of the causal model, and the number of validation patches.
 const VALIDATION_SHARE: usize = 8;
 const VALIDATION_PATCHES: usize = 128;
-
-/// Location of measurements: a file or a folder, also written `stack:FILE` or `images:FOLDER`.
-///
-/// ```
-/// use lenslet_studio::prelude::*;
-///
-/// let source: MeasuredSource = "images:captures".parse()?;
-/// assert_eq!(source, "captures".parse()?);
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "String", into = "String")]
-pub struct MeasuredSource(PathBuf);
-
-impl FromStr for MeasuredSource {
-    type Err = MeasuredError;
-
-    fn from_str(text: &str) -> Result<Self, MeasuredError> {
-        Self::from_os(OsStr::new(text))
-    }
-}
-
-impl MeasuredSource {
-    /// Parses the measurements of a text that need not be UTF-8, as paths need not be.
-    ///
-    /// # Errors
-    /// [`MeasuredError::Source`] where it names none.
-    pub fn from_os(text: &OsStr) -> Result<Self, MeasuredError> {
-        let wrong = || MeasuredError::Source { text: text.to_string_lossy().into_owned() };
-        match ObjectSource::from_os(text) {
-            Ok(ObjectSource::Stack(path) | ObjectSource::Images(path)) => Ok(Self(path)),
-            // A path with a colon that names no kind of objects.
-            Err(_) if !text.as_encoded_bytes().trim_ascii().is_empty() => Ok(Self(text.into())),
-            _ => Err(wrong()),
-        }
-    }
-}
-
-impl From<String> for MeasuredSource {
-    fn from(path: String) -> Self {
-        Self(path.into())
-    }
-}
-
-impl From<MeasuredSource> for String {
-    fn from(source: MeasuredSource) -> Self {
-        path_text(&source.0)
-    }
-}
-
-impl MeasuredSource {
-    /// The files of the images.
-    ///
-    /// # Errors
-    /// [`FormatError`] if a folder cannot be read.
-    pub fn files(&self) -> Result<Vec<PathBuf>, FormatError> {
-        Ok(image_files(&self.0)?.into_iter().map(|file| file.path).collect())
-    }
-
-    /// The same source by an absolute path.
-    fn absolute(&self) -> Self {
-        Self(std::path::absolute(&self.0).unwrap_or_else(|_| self.0.clone()))
-    }
-}
-
-impl From<PathBuf> for MeasuredSource {
-    fn from(path: PathBuf) -> Self {
-        Self(path)
-    }
-}
-
-impl fmt::Display for MeasuredSource {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(&path_text(&self.0))
-    }
-}
 
 /// The images of an estimate, and the calibration of their grey values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -157,11 +82,81 @@ impl MeasuredOrder {
 #[derive(Clone, Debug)]
 pub struct MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).
-    photons: Array3<f32>,
-    path: PathBuf,
+    pub(crate) photons: Array3<f32>,
+    pub(crate) path: PathBuf,
     /// Calibration of whole grey values; none where they are not whole.
-    steps: Option<Calibration>,
-    notes: Vec<String>,
+    pub(crate) steps: Option<Calibration>,
+    /// What the grey values can carry; none where they are not whole.
+    pub(crate) limit: Option<LevelLimit>,
+    /// Gain, offset and bins.
+    pub(crate) calibration: Calibration,
+    pub(crate) origins: Origins,
+    pub(crate) notes: Vec<String>,
+}
+
+/// Limit that the number of grey values sets to information.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LevelLimit {
+    /// Bits per pixel.
+    pub(crate) bits: f64,
+    /// Photons of one step.
+    pub(crate) step: f64,
+}
+
+/// Equal light for all systems: images are scaled to a mean, and fresh noise is drawn (the published procedure).
+///
+/// The measured images then are the clean ones. Their own noise counts as part of the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EqualLight {
+    /// Mean of the scaled images, photons per pixel.
+    pub mean_photons: f64,
+    /// Background that is added, photons per pixel.
+    pub background_photons: f64,
+}
+
+impl Default for EqualLight {
+    fn default() -> Self {
+        Self { mean_photons: 500.0, background_photons: 10.0 }
+    }
+}
+
+/// Noise, light and seed of an estimate, and which split into test and training images it has.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Conditions {
+    pub(crate) noise: Noise,
+    pub(crate) light: Option<EqualLight>,
+    pub(crate) seed: u64,
+    /// Number of the split, from 0.
+    pub(crate) fold: usize,
+}
+
+/// The estimate of one split, with the information of each test patch and the image that it shows.
+pub(crate) struct FoldResult {
+    pub(crate) estimate: Estimate,
+    pub(crate) information: Vec<f64>,
+    pub(crate) images: Vec<u32>,
+}
+
+/// Puts the notes on saturated and wrapped pixels first: they spoil any estimate.
+fn grave_first(notes: &mut Vec<String>) {
+    let is_grave = |note: &String| note.contains(SATURATED) || note.contains(WRAPPED);
+    if let Some(place) = notes.iter().position(is_grave) {
+        let note = notes.remove(place);
+        notes.insert(0, note);
+    }
+}
+
+/// Noisy images, and clean ones where they are known, shape (n, rows, cols).
+struct Stacks<'a> {
+    noisy: Cow<'a, Array3<f32>>,
+    clean: Option<Array3<f32>>,
+}
+
+/// Patches of images.
+struct CutPatches {
+    noisy: Array3<f32>,
+    clean: Option<Array3<f32>>,
+    shown: SharedImages,
 }
 
 /// Images for test and training.
@@ -173,83 +168,6 @@ struct ImageParts<'a> {
 }
 
 impl MeasuredImages {
-    /// Reads all images of a file, or of the files of a folder, and converts their grey values to photons.
-    ///
-    /// # Errors
-    /// [`MeasuredError`] for files that cannot be read or are in colour, images of different shapes or depths, pixels that are not finite, a
-    /// calibration without meaning, and fewer than two images.
-    pub fn open(
-        source: &MeasuredSource,
-        calibration: &Calibration,
-        progress: &mut (dyn Progress<EstimateProgress> + Send),
-    ) -> Result<Self, MeasuredError> {
-        calibration.check()?;
-        let path = &source.0;
-        let files = image_files(path)?;
-        let mut photons: Option<Array3<f32>> = None;
-        let (mut whole_levels, mut white) = (true, None);
-        let mut understood: Option<ImageSummary> = None;
-        for (index, file) in files.iter().enumerate() {
-            report_step(progress, "Reading measurements", index, files.len())?;
-            let stack = file.read()?;
-            let file = &file.path;
-            let summary = ImageSummary::of(&stack);
-            match &mut understood {
-                None => understood = Some(summary),
-                Some(understood) => understood.join(summary),
-            }
-            if stack.from_colour {
-                return Err(MeasuredError::Colour { path: file.clone() });
-            }
-            // Grey values of 8 and 16 bits differ, and there is one gain for all.
-            if let (Some(found), Some(expected)) = (stack.white, white)
-                && found != expected
-            {
-                let depth = |white: u16| format!("{} bits", u16::BITS - white.leading_zeros());
-                let expected = format!("grey levels of {}, as in the files before it", depth(expected));
-                let advice = "estimate the files of each depth by themselves, with their own gain";
-                return Err(FormatError::malformed(file, expected, depth(found), advice).into());
-            }
-            white = stack.white.or(white);
-            let grey = stack.into_array();
-            if grey.is_empty() {
-                let found = format!("an array of shape {:?}", grey.dim());
-                return Err(FormatError::malformed(file, "images with pixels", found, "choose another file").into());
-            }
-            check_finite(file, &grey)?;
-            whole_levels &= grey.iter().all(|level| level.fract() == 0.0);
-            let more = calibration.photons(grey.view())?;
-            match &mut photons {
-                None => photons = Some(more),
-                Some(photons) => append(photons, &more, file, &grey)?,
-            }
-        }
-        let photons = photons.unwrap_or_default();
-        let found = photons.len_of(Axis(0));
-        if found < 2 {
-            return Err(MeasuredError::TooFewImages { path: path.clone(), found });
-        }
-        let mean = photons.iter().map(|&value| f64::from(value)).sum::<f64>() / photons.len() as f64;
-        if !mean.is_finite() {
-            let expected = "as many grey levels per photon as leave the photons a finite number";
-            return Err(MeasuredError::Calibration { what: "gain", expected, found: calibration.gain });
-        }
-        if mean <= 0.0 {
-            return Err(MeasuredError::Dark { found: mean });
-        }
-        let understood = understood.map(|understood| format!("{}: {understood}", path.display()));
-        if let Some(understood) = &understood {
-            report_understood(progress, understood)?;
-        }
-        let mut notes: Vec<String> = understood.into_iter().chain([calibration.describe()]).collect();
-        let negative = photons.iter().filter(|value| **value < 0.0).count();
-        if negative > 0 {
-            let share = 100.0 * negative as f64 / photons.len() as f64;
-            notes.push(format!("{share:.2} % of the pixels lie below the offset"));
-        }
-        Ok(Self { photons, path: path.clone(), steps: whole_levels.then_some(*calibration), notes })
-    }
-
     /// Photons per (binned) pixel, shape (n, rows, cols).
     pub fn photons(&self) -> ArrayView3<'_, f32> {
         self.photons.view()
@@ -281,11 +199,40 @@ impl MeasuredImages {
         seed: u64,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Estimate, MeasuredError> {
+        Ok(self.estimate_patches(request, noise, None, seed, progress)?.0)
+    }
+
+    /// As [`MeasuredImages::estimate`], at equal light where it is given, with the information of each test patch.
+    ///
+    /// Images of two systems with as many images of one shape have the same patches at equal seeds.
+    ///
+    /// # Errors
+    /// As [`MeasuredImages::estimate`].
+    pub fn estimate_patches(
+        &self,
+        request: &EstimateRequest,
+        noise: Noise,
+        light: Option<EqualLight>,
+        seed: u64,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<(Estimate, TestPatches), MeasuredError> {
+        let conditions = Conditions { noise, light, seed, fold: 0 };
+        let FoldResult { estimate, information, images } = self.estimate_fold(request, conditions, progress)?;
+        Ok((estimate, TestPatches { information, images: SharedImages::one_each(images) }))
+    }
+
+    /// The estimate of one split into test and training images.
+    pub(crate) fn estimate_fold(
+        &self,
+        request: &EstimateRequest,
+        Conditions { noise, light, seed, fold }: Conditions,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<FoldResult, MeasuredError> {
         let start = std::time::Instant::now();
-        let mut notes = self.notes.clone();
-        notes.extend(self.steps.and_then(|steps| steps.warn_of_steps(noise)));
-        let stated = noise;
-        let noise = match self.steps {
+        let (stated, mut notes) = (noise, self.notes.clone());
+        let steps = self.steps.filter(|_| light.is_none());
+        notes.extend(steps.and_then(|steps| steps.warn_of_steps(noise)));
+        let noise = match steps {
             Some(steps) if request.protocol == Protocol::Default => steps.bounding(noise),
             _ => noise,
         };
@@ -295,22 +242,31 @@ impl MeasuredImages {
         // A patch that fits no image is refused before anything is cut.
         Patches::draw((images, rows, cols), patch, 0, seed)?;
         request.model.check_patch(patch)?;
-        let test_images = images.div_ceil(TEST_SHARE);
+        let stacks = self.stacks(light, noise, seed);
+        notes.extend(light.map(EqualLight::describe));
+        if light.is_none() {
+            notes.extend(few_photons_note(self.photons.view(), noise, request.protocol, request.model.estimator()));
+        }
+        let test_images = self.test_images();
         // All trials share the test patches: the smallest of estimates on different scenes would be that of the dullest scene.
         let test_seed = SeedStream::TestPatches.derive(seed);
         let mut order: Vec<usize> = (0..images).collect();
         order.shuffle(&mut ChaCha8Rng::seed_from_u64(SeedStream::MeasuredOrder.derive(seed)));
+        order.rotate_left(fold * test_images % images);
         let (test, train) = order.split_at(test_images);
         let parts = ImageParts { test, test_seed, train };
         let fingerprint = self.fingerprint();
         let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || {
-            let content = json!({
+            let mut content = json!({
                 "measurements": fingerprint,
                 "noise": noise.to_string(),
                 "seed": seed,
                 "request": request.identity(),
             });
-            let earlier = request.earlier_identities();
+            if let Some(EqualLight { mean_photons, background_photons }) = light {
+                content["equal_light"] = json!([mean_photons, background_photons]);
+            }
+            let earlier = if light.is_some() { Vec::new() } else { request.earlier_identities() };
             let earlier = earlier.into_iter().map(|text| format!("{:#?}", (&fingerprint, noise, seed, text))).collect();
             Identity { content, earlier }
         })?;
@@ -319,7 +275,8 @@ impl MeasuredImages {
             let (seed, smallest) = (seed.wrapping_add(index as u64), kept.smallest());
             trials.push(kept.trial(index, |keeper| {
                 in_trial(index, repetitions, &mut seconds, progress, |progress| {
-                    self.trial(request, noise, patch, &parts, &TrialContext { seed, keeper, smallest }, progress)
+                    let context = TrialContext { seed, keeper, smallest };
+                    trial(request, noise, patch, (&stacks, &parts), &context, progress)
                 })
             })?);
         }
@@ -328,13 +285,11 @@ impl MeasuredImages {
             counted(test_images, "image"),
             counted(images - test_images, "other image")
         ));
+        let scenes =
+            format!("the scenes of {} ({} of {rows} x {cols} px)", self.path.display(), counted(images, "image"));
         let provenance = Provenance {
-            bias: 0.0,
-            objects: format!(
-                "the scenes of {} ({} of {rows} x {cols} px)",
-                self.path.display(),
-                counted(images, "image")
-            ),
+            bias: light.map_or(0.0, |light| light.background_photons),
+            objects: scenes,
             objects_fingerprint: fingerprint,
             encoder: "unknown mask".into(),
             throughput: None,
@@ -342,149 +297,191 @@ impl MeasuredImages {
             notes,
         };
         let mut estimate = Estimate::new(&trials, provenance)?;
-        if estimate.interval_95[1] < 0.0 {
-            estimate.notes.push(
-                "the measurements vary less than the noise that was stated; check gain, offset, binning and noise"
-                    .into(),
-            );
+        if light.is_none() {
+            self.check(&mut estimate, stated);
         }
+        grave_first(&mut estimate.notes);
         estimate.noise = stated;
         estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
-        Ok(estimate)
+        let smallest = trials.iter().min_by(|one, other| one.bits_per_pixel().total_cmp(&other.bits_per_pixel()));
+        let information = smallest.map(|trial| trial.information().to_vec()).unwrap_or_default();
+        let places = Patches::draw((test_images, rows, cols), patch, information.len(), test_seed)?;
+        let images = places.corners().iter().map(|&(image, ..)| test[image] as u32).collect();
+        Ok(FoldResult { estimate, information, images })
     }
 
-    fn trial(
-        &self,
-        request: &EstimateRequest,
-        noise: Noise,
-        patch: (usize, usize),
-        &ImageParts { test, test_seed, train }: &ImageParts<'_>,
-        &TrialContext { seed, keeper, smallest }: &TrialContext<'_>,
-        progress: &mut (dyn Progress<EstimateProgress> + Send),
-    ) -> Result<Trial, MeasuredError> {
-        let (test, shown) = self.cut(test, patch, request.patches_test, test_seed, "the test")?;
-        if let DensityModel::Causal { length } = request.model {
-            // Images are few, so long fits would overfit.
-            let (validation, train) =
-                train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
-            let stream = MeasuredStream { images: self.photons.select(Axis(0), train), patch };
-            let validation = match validation {
-                [] => None,
-                images => {
-                    let (noisy, _) =
-                        self.cut(images, patch, VALIDATION_PATCHES, SeedStream::CausalFit.derive(seed), "the fit")?;
-                    Some(PatchBatch { noisy, clean: None })
-                }
+    /// Number of images that are held out.
+    pub(crate) fn test_images(&self) -> usize {
+        self.photons.len_of(Axis(0)).div_ceil(TEST_SHARE)
+    }
+
+    /// Names estimates that cannot be: below zero by more than their interval, or above what the grey values carry.
+    fn check(&self, estimate: &mut Estimate, noise: Noise) {
+        if estimate.interval_95[1] < 0.0 {
+            estimate.notes.retain(|note| !note.contains("the estimate is negative"));
+            let note = if estimate.notes.iter().any(|note| note.contains(SATURATED)) {
+                BELOW_ZERO_SATURATED.into()
+            } else {
+                below_zero(self.photons.view(), self.calibration, self.origins, noise)
             };
-            let fit = CausalRequest {
-                stream: &stream,
-                test: &PatchBatch { noisy: test, clean: None },
-                validation: validation.as_ref(),
-                keeper,
-                moments: None,
+            estimate.notes.insert(0, note);
+            return;
+        }
+        estimate.notes.extend(neighbour_note(self.photons.view(), noise));
+        if let Some(LevelLimit { bits, step }) = self.limit.filter(|limit| estimate.bits_per_pixel > limit.bits) {
+            let note = format!(
+                "error: the model gives {:.2} bits per pixel, but the grey values carry {bits:.2} at most, which the result is set to: \
+                 the noise {noise} is finer than a grey level of {step:.3} photons; check the noise and the gain",
+                estimate.bits_per_pixel
+            );
+            estimate.notes.insert(0, note);
+            estimate.bits_per_patch *= bits / estimate.bits_per_pixel;
+            estimate.bits_per_pixel = bits;
+            estimate.interval_95 = estimate.interval_95.map(|end| end.min(bits));
+        }
+    }
+
+    /// The images as they are, or at equal light with fresh noise.
+    fn stacks(&self, light: Option<EqualLight>, noise: Noise, seed: u64) -> Stacks<'_> {
+        let Some(EqualLight { mean_photons, background_photons }) = light else {
+            return Stacks { noisy: Cow::Borrowed(&self.photons), clean: None };
+        };
+        let mean = self.photons.iter().map(|&value| f64::from(value)).sum::<f64>() / self.photons.len() as f64;
+        let scaled = |value: &f32| (f64::from(*value) * mean_photons / mean + background_photons).max(0.0) as f32;
+        let clean = self.photons.map(scaled);
+        let noisy = noise.draw(clean.view(), SeedStream::EqualLight.derive(seed));
+        Stacks { noisy: Cow::Owned(noisy), clean: Some(clean) }
+    }
+}
+
+fn trial(
+    request: &EstimateRequest,
+    noise: Noise,
+    patch: (usize, usize),
+    (stacks, &ImageParts { test, test_seed, train }): (&Stacks<'_>, &ImageParts<'_>),
+    &TrialContext { seed, keeper, smallest }: &TrialContext<'_>,
+    progress: &mut (dyn Progress<EstimateProgress> + Send),
+) -> Result<Trial, MeasuredError> {
+    let CutPatches { noisy: test, clean: test_clean, shown } =
+        cut(stacks, test, patch, (request.patches_test, test_seed), "the test")?;
+    if let DensityModel::Causal { length } = request.model {
+        // Images are few, so long fits would overfit.
+        let (validation, train) =
+            train.split_at(if train.len() > 1 { train.len().div_ceil(VALIDATION_SHARE) } else { 0 });
+        let part = |stack: &Array3<f32>| stack.select(Axis(0), train);
+        let stream = MeasuredStream { noisy: part(&stacks.noisy), clean: stacks.clean.as_ref().map(part), patch };
+        let validation = match validation {
+            [] => None,
+            images => {
+                let seed = SeedStream::CausalFit.derive(seed);
+                let CutPatches { noisy, clean, .. } =
+                    cut(stacks, images, patch, (VALIDATION_PATCHES, seed), "the fit")?;
+                Some(PatchBatch { noisy, clean })
+            }
+        };
+        let fit = CausalRequest {
+            stream: &stream,
+            test: &PatchBatch { noisy: test, clean: test_clean },
+            validation: validation.as_ref(),
+            keeper,
+            moments: None,
+            noise,
+            length,
+            init: request.init(),
+            estimator: crate::information::Estimator::Causal,
+            seed,
+        };
+        let (trial, _) = causal_estimate(&fit, &mut converting(progress))?;
+        return Ok(trial.with_clustered_interval(&shown));
+    }
+    let train = if request.weights.from.is_some() {
+        None
+    } else {
+        let seed = SeedStream::TrainingPatches.derive(seed);
+        Some(cut(stacks, train, patch, (request.patches_train, seed), "the fit")?)
+    };
+    report_step(progress, "Fitting", 0, 1)?;
+    let (test, test_clean, protocol) = (test.view(), test_clean.as_ref().map(|clean| clean.view()), request.protocol);
+    let train_clean = train.as_ref().and_then(|train| train.clean.as_ref()).map(|clean| clean.view());
+    let train = train.as_ref().map_or(test, |train| train.noisy.view());
+    let gaussian = |covariance| GaussianRequest { train, test, test_clean, covariance, noise, protocol, seed };
+    Ok(match request.model {
+        DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
+        DensityModel::GaussianFull => gaussian_estimate(&gaussian(Covariance::Full))?,
+        DensityModel::PixelCnn { budget, engine } => {
+            let start = None;
+            let network = PixelCnnRequest {
+                train,
+                train_clean,
+                test,
+                test_clean,
                 noise,
-                length,
-                init: request.init(),
-                estimator: crate::information::Estimator::Causal,
+                protocol,
+                budget,
+                start,
+                keeper,
+                engine,
                 seed,
             };
-            let (trial, _) = causal_estimate(&fit, &mut converting(progress))?;
-            return Ok(trial.with_clustered_interval(&shown));
+            network_trial(&network, &request.weights, smallest, progress)?
         }
-        let train = match request.weights.from {
-            Some(_) => None,
-            None => Some(
-                self.cut(train, patch, request.patches_train, SeedStream::TrainingPatches.derive(seed), "the fit")?.0,
-            ),
-        };
-        report_step(progress, "Fitting", 0, 1)?;
-        let (test, protocol) = (test.view(), request.protocol);
-        let train = train.as_ref().map_or(test, |train| train.view());
-        let gaussian =
-            |covariance| GaussianRequest { train, test, test_clean: None, covariance, noise, protocol, seed };
-        Ok(match request.model {
-            DensityModel::Stationary => gaussian_estimate(&gaussian(Covariance::Stationary))?,
-            DensityModel::GaussianFull => gaussian_estimate(&gaussian(Covariance::Full))?,
-            DensityModel::PixelCnn { budget, engine } => {
-                let (train_clean, test_clean, start) = (None, None, None);
-                let network = PixelCnnRequest {
-                    train,
-                    train_clean,
-                    test,
-                    test_clean,
-                    noise,
-                    protocol,
-                    budget,
-                    start,
-                    keeper,
-                    engine,
-                    seed,
-                };
-                network_trial(&network, &request.weights, smallest, progress)?
-            }
-            DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
-                return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
-            }
+        DensityModel::Causal { .. } | DensityModel::Bracket { .. } | DensityModel::Analytic => {
+            return Err(MeasuredError::NeedsObjects { estimator: request.model.estimator() });
         }
-        .with_clustered_interval(&shown))
     }
+    .with_clustered_interval(&shown))
+}
 
-    /// Patches at random places of the given images, and which image each shows.
-    fn cut(
-        &self,
-        images: &[usize],
-        patch: (usize, usize),
-        count: usize,
-        seed: u64,
-        model: &'static str,
-    ) -> Result<(Array3<f32>, SharedImages), MeasuredError> {
-        let (rows, cols) = patch;
-        let pixels = rows.saturating_mul(cols);
-        if count == 0 {
-            return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
-        }
-        let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
-        if count > most {
-            return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
-        }
-        let part = self.photons.select(Axis(0), images);
-        let places = Patches::draw(part.dim(), patch, count, seed)?;
-        let shown = SharedImages::one_each(places.corners().iter().map(|&(image, ..)| image as u32));
-        Ok((places.cut(part.view()), shown))
+/// Patches at random places of the given images, and which image each shows.
+fn cut(
+    stacks: &Stacks<'_>,
+    images: &[usize],
+    patch: (usize, usize),
+    (count, seed): (usize, u64),
+    model: &'static str,
+) -> Result<CutPatches, MeasuredError> {
+    let (rows, cols) = patch;
+    let pixels = rows.saturating_mul(cols);
+    if count == 0 {
+        return Err(InformationError::TooFewPatches { model, needed: 1, found: 0, pixels }.into());
+    }
+    let most = LARGEST_PATCHES_BYTES / (size_of::<f32>() * pixels.max(1));
+    if count > most {
+        return Err(InformationError::TooManyPatches { count, rows, cols, most }.into());
+    }
+    let part = stacks.noisy.select(Axis(0), images);
+    let places = Patches::draw(part.dim(), patch, count, seed)?;
+    let clean = stacks.clean.as_ref().map(|clean| places.cut(clean.select(Axis(0), images).view()));
+    Ok(CutPatches { noisy: places.cut(part.view()), clean, shown: shown(&places) })
+}
+
+/// Which image each patch shows.
+fn shown(places: &Patches) -> SharedImages {
+    SharedImages::one_each(places.corners().iter().map(|&(image, ..)| image as u32))
+}
+
+impl EqualLight {
+    fn describe(self) -> String {
+        let Self { mean_photons, background_photons } = self;
+        format!(
+            "equal light: images are scaled to a mean of {mean_photons} photons per pixel, {background_photons} are added, and \
+             fresh noise is drawn; their own noise counts as scene"
+        )
     }
 }
 
 /// Patches at random places of images, as many as are requested.
 struct MeasuredStream {
-    images: Array3<f32>,
+    noisy: Array3<f32>,
+    clean: Option<Array3<f32>>,
     patch: (usize, usize),
 }
 
 impl PatchStream for MeasuredStream {
     fn draw(&self, count: usize, seed: u64) -> Result<PatchBatch, InformationError> {
         let failed = |error: SensorError| InformationError::Stream { reason: error.to_string() };
-        let places = Patches::draw(self.images.dim(), self.patch, count, seed).map_err(failed)?;
-        Ok(PatchBatch { noisy: places.cut(self.images.view()), clean: None })
-    }
-}
-
-fn append(photons: &mut Array3<f32>, more: &Array3<f32>, file: &Path, grey: &Array3<f32>) -> Result<(), FormatError> {
-    photons.append(Axis(0), more.view()).map_err(|_| {
-        let (_, rows, cols) = photons.dim();
-        let (_, found_rows, found_cols) = more.dim();
-        let (_, file_rows, file_cols) = grey.dim();
-        let found = format!("{found_rows} x {found_cols} px ({file_rows} x {file_cols} before binning)");
-        let expected = format!("images of {rows} x {cols} px, as the first");
-        FormatError::malformed(file, expected, found, "keep images of one camera and one crop in the folder")
-    })
-}
-
-fn check_finite(file: &Path, grey: &Array3<f32>) -> Result<(), FormatError> {
-    match grey.indexed_iter().find(|(_, level)| !level.is_finite()) {
-        None => Ok(()),
-        Some(((image, row, col), level)) => {
-            let found = format!("{level} in image {}, row {row}, column {col}", image + 1);
-            Err(FormatError::malformed(file, "finite pixels", found, "replace such pixels or leave the image out"))
-        }
+        let places = Patches::draw(self.noisy.dim(), self.patch, count, seed).map_err(failed)?;
+        let clean = self.clean.as_ref().map(|clean| places.cut(clean.view()));
+        Ok(PatchBatch { noisy: places.cut(self.noisy.view()), clean })
     }
 }

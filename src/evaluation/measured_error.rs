@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
+use crate::camera::CameraError;
 use crate::formats::FormatError;
 use crate::information::{Estimator, InformationError};
 use crate::plural::counted;
@@ -36,14 +37,15 @@ pub enum MeasuredError {
         /// The value given.
         found: usize,
     },
-    /// The noise of an average of colours is not that of photons.
-    #[error(
-        "{path}: expected grey images, found colours, whose average has less noise than photons; add ?channel=green to the \
-         path to take one channel"
-    )]
-    Colour {
-        /// The file.
-        path: PathBuf,
+    /// A crop that leaves the images.
+    #[error("crop {crop}: expected a part of {rows} x {cols} px, found one beyond their edge; choose a smaller part")]
+    Crop {
+        /// The crop.
+        crop: String,
+        /// Rows of the images.
+        rows: usize,
+        /// Columns of the images.
+        cols: usize,
     },
     /// The images are as dark as the offset.
     #[error(
@@ -73,6 +75,9 @@ pub enum MeasuredError {
     /// The file.
     #[error(transparent)]
     File(#[from] FormatError),
+    /// The camera file, or the colour of the images.
+    #[error(transparent)]
+    Camera(CameraError),
     /// The patch.
     #[error(transparent)]
     Sensor(#[from] SensorError),
@@ -87,6 +92,15 @@ pub enum MeasuredError {
     /// The estimate.
     #[error(transparent)]
     Information(InformationError),
+}
+
+impl From<CameraError> for MeasuredError {
+    fn from(error: CameraError) -> Self {
+        match error {
+            CameraError::File(error) => Self::File(error),
+            other => Self::Camera(other),
+        }
+    }
 }
 
 impl From<InformationError> for MeasuredError {

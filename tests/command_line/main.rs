@@ -1,5 +1,7 @@
 //! The program as users run it: the built binary, its files, its sentences and its exit codes.
 
+mod calibrate;
+mod cameras;
 mod display;
 mod documentation;
 mod failures;
@@ -77,7 +79,8 @@ impl Bench {
         let told = text(&output.stderr);
         let start = told.find("lenslet-studio: ").or(told.find("error: ")).unwrap_or_default();
         let sentence = told[start..].to_owned();
-        assert!(told[..start].lines().all(|line| line.contains(" px")), "{line}: {told}");
+        let is_of_files = |line: &str| [" px", " file", " group"].iter().any(|word| line.contains(word));
+        assert!(told[..start].lines().all(is_of_files), "{line}: {told}");
         assert_eq!(output.status.code(), Some(2), "{line}: {sentence}");
         assert_eq!(text(&output.stdout), "", "{line}");
         assert!(!sentence.contains("panicked"), "{line}: {sentence}");

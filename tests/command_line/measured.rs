@@ -87,7 +87,7 @@ fn that_grey_levels_are_whole_tells_a_density_model_nothing() {
 }
 
 #[test]
-fn colours_and_patches_without_end_are_refused() {
+fn weighted_colours_and_patches_without_end_are_refused() {
     let bench = Bench::new();
     bench.write("photons.npy", npy("(10, 24, 20)", &photons(10)));
     let side = usize::MAX / 2 + 1;
@@ -105,8 +105,10 @@ fn colours_and_patches_without_end_are_refused() {
         }
     }
     bench.done(&format!("{LINE} --measurements grey"));
-    let sentence = bench.refused(&format!("{LINE} --measurements tinted"));
-    assert!(sentence.contains("tinted") && sentence.contains("add ?channel=green"), "{sentence}");
+    let tinted = bench.json(&format!("{LINE} --measurements tinted"));
+    assert!(tinted["notes"].to_string().contains("the green channel of colour images"), "{tinted}");
+    let sentence = bench.refused(&format!("{LINE} --measurements tinted?channel=luma"));
+    assert!(sentence.contains("tinted") && sentence.contains("found a weighted grey value"), "{sentence}");
 }
 
 #[test]

@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use super::Bench;
 
 /// A schema of the documentation.
-struct Schema {
+pub(super) struct Schema {
     schemas: Schemas,
     index: SchemaIndex,
     /// Every entry that it names.
@@ -45,7 +45,7 @@ fn unnamed(document: &Value, known: &BTreeSet<String>) -> Option<String> {
 }
 
 impl Schema {
-    fn open(name: &str) -> Self {
+    pub(super) fn open(name: &str) -> Self {
         let path = root().join(format!("docs/reference/schema/{name}.schema.json"));
         let schema: Value = serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap();
         let mut entries = BTreeSet::new();
@@ -62,7 +62,7 @@ impl Schema {
         validated.or_else(|| Some(format!("unknown entry {}", unnamed(document, &self.entries)?)))
     }
 
-    fn check(&self, document: &Value) {
+    pub(super) fn check(&self, document: &Value) {
         if let Some(violation) = self.violation(document) {
             panic!("{violation}");
         }

@@ -106,6 +106,35 @@ impl NoiseEntropy {
         }
     }
 
+    /// Entropy in bits of a pixel whose mean is unknown, with its measured photons in place of the mean. Negative ones count as 0. A
+    /// pixel of 0 has no entropy where shot noise is approximated by a Gaussian (as in the published procedure).
+    pub fn measured_bits(&self, measured_photons: f64) -> f64 {
+        match self.kind {
+            Kind::Gaussian(variance) if measured_photons.max(0.0) + variance == 0.0 => 0.0,
+            _ => self.bits(measured_photons.max(0.0)),
+        }
+    }
+
+    /// [`NoiseEntropy::measured_bits`] of each noisy patch of shape (rows, cols), mean bits per pixel, from patches (n, rows, cols).
+    ///
+    /// # Errors
+    /// For an empty array, or a pixel that is not finite.
+    pub fn measured_patch_bits(&self, noisy: ArrayView3<'_, f32>) -> Result<Vec<f64>, InformationError> {
+        let dark = matches!(self.kind, Kind::Gaussian(0.0));
+        let has_dark = dark && noisy.iter().any(|y| *y <= 0.0);
+        if !has_dark {
+            return self.patch_bits(noisy.mapv(|y| y.max(0.0)).view());
+        }
+        noisy
+            .axis_iter(Axis(0))
+            .map(|patch| {
+                let bits: f64 = patch.iter().map(|&y| self.measured_bits(f64::from(y))).sum();
+                let mean = bits / patch.len().max(1) as f64;
+                if mean.is_finite() { Ok(mean) } else { Err(InformationError::DarkPixel) }
+            })
+            .collect()
+    }
+
     /// Mean entropy in bits per pixel over clean images (photons per pixel), of any shape.
     ///
     /// # Errors
@@ -206,6 +235,17 @@ mod tests {
         assert!(exact.mean_bits(arr1(&[0.0]).view()).is_ok());
         assert_eq!(paper.mean_bits(arr1(&[5.0, 0.0]).view()), Err(InformationError::DarkPixel));
         assert_eq!(exact.mean_bits(arr1(&[]).view()), Err(InformationError::Empty));
+    }
+
+    #[test]
+    fn measured_pixels_of_zero_count_as_published() {
+        let noisy = ndarray::arr3(&[[[0.0_f32, -2.0, 8.0, 8.0]]]);
+        let paper = NoiseEntropy::new(Noise::Shot, Protocol::Paper).unwrap();
+        let found = paper.measured_patch_bits(noisy.view()).unwrap();
+        assert!((found[0] - gaussian_entropy(8.0) / 2.0).abs() < 1e-12, "{found:?}");
+        let exact = NoiseEntropy::new(Noise::Shot, Protocol::Default).unwrap();
+        let found = exact.measured_patch_bits(noisy.view()).unwrap();
+        assert!((found[0] - exact.bits(8.0) / 2.0).abs() < 1e-12, "{found:?}");
     }
 
     #[test]

@@ -77,7 +77,7 @@ pub fn gaussian_estimate(request: &GaussianRequest<'_>) -> Result<Trial, Informa
         entropy.patch_bits(clean)?
     } else {
         notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
-        entropy.patch_bits(test.mapv(|y| y.max(0.0)).view())?
+        entropy.measured_patch_bits(test)?
     };
 
     let dequantise = protocol == Protocol::Paper || noise == Noise::Shot;

@@ -131,7 +131,7 @@ impl PixelCnnRequest<'_> {
             entropy.patch_bits(clean)?
         } else {
             notes.push("the noise entropy uses the noisy measurements in place of clean images".to_owned());
-            entropy.patch_bits(self.test.mapv(|y| y.max(0.0)).view())?
+            entropy.measured_patch_bits(self.test)?
         };
         if self.dequantises() && !(whole(self.train) && whole(self.test)) {
             notes.push("measurements that are not whole counts were dequantised".to_owned());

@@ -1,0 +1,218 @@
+//! Grey values of many pixels: their range, their smallest distance, and what piles up at the top.
+
+use std::fmt;
+
+use ndarray::{ArrayView, Dimension};
+
+/// Largest whole number that a float of 32 bits counts to.
+const MOST_WHOLE: f32 = 16_777_216.0;
+/// Number of levels of the histogram, those of 16 bits.
+const LEVELS: usize = 1 << 16;
+/// Pixels at the largest value, and share of all, from which on they are saturated.
+const SATURATED_PIXELS: u64 = 16;
+const SATURATED_SHARE: f64 = 1e-4;
+/// How many times more pixels have the largest value than any of the values before it, where it is a limit.
+const PILE: u64 = 3;
+/// Number of values before the largest that it is compared with.
+const BEFORE: usize = 8;
+/// Share of the type's range above which a value may be a negative one that wrapped, and below which the median then lies.
+const WRAPPED_ABOVE: f64 = 0.9;
+const WRAPPED_MEDIAN: f64 = 0.1;
+
+/// Statistics of grey values (DN).
+#[derive(Clone, Debug, Default)]
+pub struct GreyValues {
+    count: u64,
+    /// Smallest and largest value.
+    range: Option<(f32, f32)>,
+    /// Pixels of the largest value.
+    at_most: u64,
+    /// A value, and the greatest common divisor of the distances to it; `None` once a value is not whole.
+    step: Option<(f32, u32)>,
+    is_fractional: bool,
+    /// Pixels of each value from 0 to 65535; empty where others occur.
+    histogram: Vec<u64>,
+    /// Largest count of the number type: 255 or 65535.
+    white: Option<u16>,
+}
+
+/// Pixels that have the largest value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Saturated {
+    /// Share of all pixels.
+    pub share: f64,
+    /// The value, DN.
+    pub value: f32,
+}
+
+/// Pixels whose values look like negative ones that wrapped around zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wrapped {
+    /// Share of all pixels.
+    pub share: f64,
+    /// Value above which they lie, DN.
+    pub above: f64,
+    /// Median of all pixels, DN.
+    pub median: f64,
+}
+
+impl GreyValues {
+    /// Adds pixels of a number type whose largest count is `white` (`None` for floats). Values that are not finite are left out.
+    pub fn add<D: Dimension>(&mut self, pixels: ArrayView<'_, f32, D>, white: Option<u16>) {
+        if self.count == 0 {
+            self.histogram = vec![0; LEVELS];
+            self.white = white;
+        }
+        for &value in pixels.iter().filter(|value| value.is_finite()) {
+            self.count += 1;
+            let (low, high) = self.range.unwrap_or((value, value));
+            self.at_most = match value.partial_cmp(&high) {
+                Some(std::cmp::Ordering::Greater) => 1,
+                Some(std::cmp::Ordering::Equal) => self.at_most + 1,
+                _ => self.at_most,
+            };
+            self.range = Some((low.min(value), high.max(value)));
+            if value.fract() != 0.0 || value.abs() > MOST_WHOLE {
+                self.is_fractional = true;
+                self.histogram = Vec::new();
+                continue;
+            }
+            let (base, step) = self.step.unwrap_or((value, 0));
+            let step = if step == 1 { 1 } else { greatest_common_divisor(step, (value - base).abs() as u32) };
+            self.step = Some((base, step));
+            if value >= 0.0 {
+                if let Some(pixels) = self.histogram.get_mut(value as usize) {
+                    *pixels += 1;
+                }
+            } else {
+                self.histogram = Vec::new();
+            }
+        }
+    }
+
+    /// Smallest distance of the values, their greatest common divisor, DN; `None` where values are not whole.
+    pub fn step(&self) -> Option<f64> {
+        let (_, step) = self.step.filter(|_| !self.is_fractional)?;
+        // Equal values have no distance.
+        Some(f64::from(step.max(1)))
+    }
+
+    /// Number of values from the smallest to the largest, in their steps; `None` where values are not whole.
+    pub fn levels(&self) -> Option<f64> {
+        let (low, high) = self.range?;
+        Some(f64::from(high - low) / self.step()? + 1.0)
+    }
+
+    /// Pixels at the largest value, where it is that of the number type or many more have it than the values before it.
+    pub fn saturated(&self) -> Option<Saturated> {
+        let (_, value) = self.range?;
+        let share = self.at_most as f64 / self.count as f64;
+        let is_white = self.white.is_some_and(|white| value >= f32::from(white));
+        let step = self.step().unwrap_or(1.0) as usize;
+        let before = |number: usize| self.histogram.get((value as usize).checked_sub(number * step)?).copied();
+        let most_before = (1..=BEFORE).filter_map(before).max();
+        // Floats of many values meet at the largest one only by a limit.
+        let is_pile = most_before.map_or(self.is_fractional, |most| self.at_most > PILE * most.max(1));
+        let is_many = self.at_most >= SATURATED_PIXELS && share >= SATURATED_SHARE;
+        (is_many && (is_white || is_pile) && self.levels().is_none_or(|levels| levels > 2.0))
+            .then_some(Saturated { share, value })
+    }
+
+    /// Pixels near the top of an unsigned number type, while the median is near its bottom and few lie between.
+    pub fn wrapped(&self) -> Option<Wrapped> {
+        let (_, high) = self.range?;
+        let top = if high <= f32::from(u8::MAX) && self.white != Some(u16::MAX) { u8::MAX.into() } else { u16::MAX };
+        let top = f64::from(top);
+        if self.histogram.is_empty() || f64::from(high) < 0.99 * top {
+            return None;
+        }
+        let within = |from: f64, to: f64| self.histogram[from as usize..=to as usize].iter().sum::<u64>();
+        let (above, between) = (within(WRAPPED_ABOVE * top, top), within(0.2 * top, 0.8 * top));
+        let median = self.median();
+        (above >= SATURATED_PIXELS && median < WRAPPED_MEDIAN * top && between < above / 4).then(|| Wrapped {
+            share: above as f64 / self.count as f64,
+            above: (WRAPPED_ABOVE * top).floor(),
+            median,
+        })
+    }
+
+    /// The median of whole values; 0 without a histogram.
+    fn median(&self) -> f64 {
+        let mut sum = 0;
+        let half = self.histogram.iter().position(|pixels| {
+            sum += pixels;
+            2 * sum >= self.count
+        });
+        half.unwrap_or_default() as f64
+    }
+}
+
+impl fmt::Display for GreyValues {
+    /// Share of saturated pixels and distance of the values, for the line that shows what was understood.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.saturated() {
+            Some(Saturated { share, value }) => write!(formatter, "{:.2} % saturated at {value}", 100.0 * share)?,
+            None => formatter.write_str("no pixel saturated")?,
+        }
+        match self.step() {
+            Some(step) => write!(formatter, ", grey values in steps of {step}"),
+            None => formatter.write_str(", grey values not whole"),
+        }
+    }
+}
+
+fn greatest_common_divisor(mut one: u32, mut other: u32) -> u32 {
+    while other != 0 {
+        (one, other) = (other, one % other);
+    }
+    one
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::Array1;
+
+    fn of(values: impl IntoIterator<Item = f32>, white: Option<u16>) -> GreyValues {
+        let mut found = GreyValues::default();
+        found.add(values.into_iter().collect::<Array1<f32>>().view(), white);
+        found
+    }
+
+    #[test]
+    fn steps_and_levels_are_found() {
+        let shifted = of((0..100).map(|level| (3 + 16 * level) as f32), Some(u16::MAX));
+        assert_eq!((shifted.step(), shifted.levels()), (Some(16.0), Some(100.0)));
+        let fractional = of([0.5, 1.0], None);
+        assert_eq!((fractional.step(), fractional.levels()), (None, None));
+        assert_eq!(of([-3.0, 4.0, 11.0], None).levels(), Some(3.0));
+        assert_eq!(of([7.0; 9], None).step(), Some(1.0));
+        assert_eq!(shifted.to_string(), "no pixel saturated, grey values in steps of 16");
+        assert_eq!(fractional.to_string(), "no pixel saturated, grey values not whole");
+        assert_eq!(of([], None).levels(), None);
+    }
+
+    #[test]
+    fn piles_at_the_top_are_saturated() {
+        let ramp = || (0..2000).map(|pixel| (pixel % 200) as f32);
+        assert_eq!(of(ramp(), Some(255)).saturated(), None);
+        let many = of(ramp().chain([200.0; 200]), Some(u16::MAX)).saturated().unwrap();
+        assert!(many.value == 200.0 && (many.share - 1.0 / 11.0).abs() < 1e-9);
+        let white = of((0..5120).map(|pixel| (pixel % 256) as f32), Some(255));
+        assert_eq!(white.saturated().map(|found| found.value), Some(255.0));
+        let float = of((0..4000).map(|pixel| (pixel as f32 / 3000.0).min(1.0)), None);
+        assert_eq!(float.saturated().map(|found| found.value), Some(1.0));
+        // A mask of zeros and ones is no saturated image.
+        assert_eq!(of((0..1000).map(|pixel| (pixel % 2) as f32), Some(255)).saturated(), None);
+    }
+
+    #[test]
+    fn values_that_wrapped_around_zero_are_found() {
+        let signed = |pixel: i32| (pixel % 21 - 2) as f32;
+        let wrapped = of((0..2100).map(|pixel| signed(pixel).rem_euclid(65536.0)), Some(u16::MAX)).wrapped().unwrap();
+        assert!((wrapped.share - 2.0 / 21.0).abs() < 1e-9 && wrapped.median == 10.0, "{wrapped:?}");
+        assert_eq!(of((0..2100).map(signed), None).wrapped(), None);
+        assert_eq!(of((0..65536).map(|level| level as f32), Some(u16::MAX)).wrapped(), None);
+        assert!(of((0..2100).map(|pixel| signed(pixel).rem_euclid(256.0)), Some(255)).wrapped().is_some());
+    }
+}

@@ -1,0 +1,30 @@
+//! Real sensors: photon transfer after EMVA 1288 from frame pairs, maps of their pixels, and colour planes of captures.
+//!
+//! [`FrameSeries`] finds the frames, [`calibrate`] reads them, [`CameraFile`] stores the result.
+
+mod calibration;
+mod channel;
+mod descriptor;
+mod error;
+mod file;
+mod frames;
+mod grey_values;
+mod grouping;
+mod locate;
+mod nonuniformity;
+mod plot;
+mod response;
+mod series;
+#[cfg(test)]
+mod simulated;
+#[cfg(test)]
+mod tests;
+mod transfer;
+
+pub use calibration::{CalibratedCamera, CalibrationProgress, CameraCalibration, CameraMaps, PixelList, calibrate};
+pub use channel::{BayerPattern, ChosenFrames, ColourChannel, ColourChoice};
+pub use error::CameraError;
+pub use file::{CameraFile, MapFiles};
+pub use grey_values::{GreyValues, Saturated, Wrapped};
+pub use series::{FrameGroup, FrameSeries, Grouping};
+pub use transfer::LightLevel;

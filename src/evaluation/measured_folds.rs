@@ -1,0 +1,73 @@
+//! Estimates of few images by cross-validation: every image is a test image once.
+
+use crate::evaluation::measured::{Conditions, EqualLight, FoldResult, MeasuredImages};
+use crate::evaluation::measured_error::MeasuredError;
+use crate::evaluation::progress::EstimateProgress;
+use crate::evaluation::request::EstimateRequest;
+use crate::information::{Estimate, PairedDifference, SharedImages, TestPatches};
+use crate::progress::Progress;
+use crate::sensor::Noise;
+
+/// Number of images up to which every image is tested.
+const FEW_IMAGES: usize = 100;
+
+impl MeasuredImages {
+    /// As [`MeasuredImages::estimate_patches`]; up to 100 images are all tested in turn, by models of the others.
+    ///
+    /// A fifth of the images is held out at a time. The number is the mean over all test patches, the interval that of their images.
+    ///
+    /// # Errors
+    /// As [`MeasuredImages::estimate`].
+    pub fn cross_validated(
+        &self,
+        request: &EstimateRequest,
+        noise: Noise,
+        light: Option<EqualLight>,
+        seed: u64,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<(Estimate, TestPatches), MeasuredError> {
+        let images = self.photons().dim().0;
+        let folds = if images <= FEW_IMAGES { images.div_ceil(self.test_images()) } else { 1 };
+        let mut results = Vec::new();
+        for fold in 0..folds {
+            results.push(self.estimate_fold(request, Conditions { noise, light, seed, fold }, progress)?);
+        }
+        pooled(results, seed)
+    }
+}
+
+/// All splits together.
+fn pooled(results: Vec<FoldResult>, seed: u64) -> Result<(Estimate, TestPatches), MeasuredError> {
+    let folds = results.len() as f64;
+    let mean = |value: &dyn Fn(&Estimate) -> f64| results.iter().map(|fold| value(&fold.estimate)).sum::<f64>() / folds;
+    let (entropy_y, entropy_y_given_x) = (mean(&|fold| fold.entropy_y), mean(&|fold| fold.entropy_y_given_x));
+    let seconds = folds * mean(&|fold| fold.seconds);
+    let (mut first, mut information, mut images): (Option<Estimate>, Vec<f64>, Vec<u32>) =
+        (None, Vec::new(), Vec::new());
+    for fold in results {
+        first.get_or_insert(fold.estimate);
+        information.extend(fold.information);
+        images.extend(fold.images);
+    }
+    let Some(mut estimate) = first else { return Err(crate::information::InformationError::Empty.into()) };
+    let images = SharedImages::one_each(images);
+    if folds > 1.0 {
+        // The difference from no information at all.
+        let none = TestPatches { information: vec![0.0; information.len()], images: images.clone() };
+        if let Some(found) = PairedDifference::new(&information, &none, seed)? {
+            estimate.bits_per_pixel = found.bits_per_pixel;
+            estimate.bits_per_patch = found.bits_per_pixel * estimate.pixels();
+            estimate.interval_95 = found.interval_95;
+        }
+        (estimate.entropy_y, estimate.entropy_y_given_x, estimate.seconds) = (entropy_y, entropy_y_given_x, seconds);
+        estimate.patches_test = information.len();
+        let is_of_split =
+            |note: &String| note.starts_with("test patches were cut from") || note.contains("images in all");
+        estimate.notes.retain(|note| !is_of_split(note));
+        estimate.notes.push(format!(
+            "cross-validation: all {} were tested in {folds} parts, each by models of the others",
+            crate::plural::counted(images.images(), "image")
+        ));
+    }
+    Ok((estimate, TestPatches { information, images }))
+}
