@@ -13,7 +13,7 @@
 //! | 0 | [`formats`] | arrays, images, tables, documents; atomic writes, the writer thread, locks |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`nn`] | building blocks of neural networks on the CPU; knows no optics |
-//! | 2 | [`forward`] | the forward model: objects, mask and sensor |
+//! | 2 | [`forward`], [`camera`] | the forward model: objects, mask and sensor; calibration of real sensors |
 //! | 3 | [`information`] | entropies, density models, decoder, annealed importance sampling, bounds, the estimate |
 //! | 4 | [`design`] | IDEAL: the mask optimized by the information of its measurements |
 //! | 4 | [`reconstruction`] | objects from measurements: linear, total variation; image quality |

@@ -2,10 +2,13 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::{FontStyle, register_font};
 
 use super::calibration::CameraCalibration;
 use super::response::{Linearity, linearity};
 
+/// Family of all texts, measured by the program's own font.
+const FONT: &str = "sans-serif";
 /// Size of a panel with its labels, pixels of the drawing.
 const PANEL: (u32, u32) = (380, 300);
 const LEVEL: RGBColor = RGBColor(0x08, 0x51, 0x9c);
@@ -18,6 +21,8 @@ type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 /// The drawing; `None` where it cannot be drawn.
 pub(super) fn calibration_plot(camera: &CameraCalibration) -> Option<String> {
+    // A drawing without a known font fails.
+    let _ = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
     let mut svg = String::new();
     draw(&mut svg, camera).ok()?;
     Some(svg)
@@ -52,7 +57,7 @@ struct Panel<'a> {
 impl Panel<'_> {
     fn draw(self, area: &Area<'_>) -> Drawn {
         let mut chart = ChartBuilder::on(area)
-            .caption(self.title, ("sans-serif", 14))
+            .caption(self.title, (FONT, 14))
             .margin(8)
             .x_label_area_size(38)
             .y_label_area_size(58)
@@ -68,7 +73,7 @@ impl Panel<'_> {
             .y_labels(6)
             .x_desc(self.x.0)
             .y_desc(self.y.0)
-            .label_style(("sans-serif", 11))
+            .label_style((FONT, 11))
             .draw()?;
         chart.draw_series(LineSeries::new(self.line, FITTED.stroke_width(2)))?;
         chart.draw_series(self.points.into_iter().map(|point| Circle::new(point, 3, LEVEL.filled())))?;
