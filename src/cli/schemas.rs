@@ -92,6 +92,7 @@ fn pages() -> Vec<Page> {
         of_kind(
             written::<measurements::Compared>("system-comparison", "The JSON of estimate for several systems"),
             "lenslet-studio/system-comparison",
+            &[1],
         ),
         of_kind(
             written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
@@ -104,8 +105,12 @@ fn pages() -> Vec<Page> {
             "lenslet-studio/live-estimate",
             WITH_MASKS,
         ),
-        of_kind(written::<CameraFile>("camera", "A camera file"), "lenslet-studio/camera"),
-        of_kind(written::<calibrate::Calibrated>("calibrate-output", "The JSON of calibrate"), "lenslet-studio/camera"),
+        of_kind(written::<CameraFile>("camera", "A camera file"), "lenslet-studio/camera", &[1]),
+        of_kind(
+            written::<calibrate::Calibrated>("calibrate-output", "The JSON of calibrate"),
+            "lenslet-studio/camera",
+            &[1],
+        ),
         written::<IdealSettings>("optimize-config", "The JSON of optimize --print-config"),
         written::<export::Exported>("export-output", "The JSON of export"),
         written::<simulate::Measured>("simulate-output", "The JSON of simulate"),
