@@ -169,21 +169,22 @@ impl Axes {
         }
     }
 
-    /// The axes with every second value of those that have more than two. The first value stays.
+    /// The axes with every second value of those that have more than two, apart from those to `keep`. The first value stays.
     #[must_use]
-    pub fn halved(&self) -> Self {
-        fn half<T: Clone>(values: &[T]) -> Vec<T> {
-            if values.len() <= 2 { values.to_vec() } else { values.iter().step_by(2).cloned().collect() }
+    pub fn halved(&self, keep: &[Axis]) -> Self {
+        fn half<T: Clone>(values: &[T], is_kept: bool) -> Vec<T> {
+            if is_kept || values.len() <= 2 { values.to_vec() } else { values.iter().step_by(2).cloned().collect() }
         }
+        let kept = |axis: Axis| keep.contains(&axis);
         Self {
-            mask: half(&self.mask),
-            objects: half(&self.objects),
-            photons: half(&self.photons),
-            background: half(&self.background),
-            noise: half(&self.noise),
-            patch: half(&self.patch),
+            mask: half(&self.mask, kept(Axis::Mask)),
+            objects: half(&self.objects, kept(Axis::Objects)),
+            photons: half(&self.photons, kept(Axis::Photons)),
+            background: half(&self.background, kept(Axis::Background)),
+            noise: half(&self.noise, kept(Axis::Noise)),
+            patch: half(&self.patch, kept(Axis::Patch)),
             estimator: self.estimator.clone(),
-            seed: half(&self.seed),
+            seed: half(&self.seed, kept(Axis::Seed)),
             zip: self.zip.clone(),
         }
     }

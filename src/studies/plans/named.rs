@@ -1,6 +1,6 @@
 //! The plans of the published figures, and others by name.
 
-use super::axes::Axes;
+use super::axes::{Axes, Axis};
 use super::cell::{Freedom, StudyMask};
 use super::facet::Facet;
 use super::plan::{Plan, PlotSettings, QuickSettings};
@@ -45,6 +45,11 @@ fn sweep(name: &str, title: &str, mask: Vec<StudyMask>, kind: &str, densities: &
     // A bracket of beads is tight within seconds, as its fits start from pretrained weights.
     let quick = QuickSettings { seconds: 8.0, ..QuickSettings::default() };
     Plan { quick, ..Plan::new(name, title, axes, plot) }
+}
+
+/// A plan whose first look has all its objects.
+fn keeping_objects(plan: Plan) -> Plan {
+    Plan { quick: QuickSettings { keep: vec![Axis::Objects], ..plan.quick.clone() }, ..plan }
 }
 
 fn heuristic(counts: impl IntoIterator<Item = usize>) -> Vec<StudyMask> {
@@ -114,7 +119,7 @@ fn fig3() -> Plan {
     let mask = heuristic(1..=9).into_iter().chain(best).chain(layouts).collect();
     let objects = ["mnist", "fashion", "cifar10", "beads:0.02"].map(str::to_owned).into();
     let plot = PlotSettings { panels: Some(Facet::Objects), ..lines(Facet::Mask, Facet::Estimator) };
-    Plan::new("fig3", "Information of layouts and of designed masks", Axes::new(mask, objects), plot)
+    keeping_objects(Plan::new("fig3", "Information of layouts and of designed masks", Axes::new(mask, objects), plot))
 }
 
 fn s1() -> Plan {
@@ -123,7 +128,7 @@ fn s1() -> Plan {
     let axes =
         Axes { patch: patch.into_iter().chain([PatchSize::Sensor]).collect(), ..Axes::new(heuristic([4, 8]), objects) };
     let plot = PlotSettings { logarithmic: true, panels: Some(Facet::Objects), ..lines(Facet::Patch, Facet::Mask) };
-    Plan::new("s1", "Information against the size of the patch", axes, plot)
+    keeping_objects(Plan::new("s1", "Information against the size of the patch", axes, plot))
 }
 
 fn s2() -> Plan {
@@ -133,7 +138,7 @@ fn s2() -> Plan {
         .flat_map(|density| (1..=5).map(move |planes| format!("volume:{planes}:{density}")))
         .collect();
     let plot = PlotSettings { panels: Some(Facet::Density), ..lines(Facet::Mask, Facet::Planes) };
-    Plan::new("s2", "Lenslets in depth before objects in planes", Axes::new(mask, objects), plot)
+    keeping_objects(Plan::new("s2", "Lenslets in depth before objects in planes", Axes::new(mask, objects), plot))
 }
 
 fn shape() -> Plan {

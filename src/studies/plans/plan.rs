@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::axes::Axes;
+use super::axes::{Axes, Axis};
 use super::cell::CellSettings;
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
@@ -71,18 +71,21 @@ pub struct PlotSettings {
 }
 
 /// Settings of a first look: every second value of each axis, and less time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct QuickSettings {
     /// Time for the fits of one cell, seconds.
     pub seconds: f64,
     /// Steps of each optimizer run.
     pub ideal_steps: usize,
+    /// Axes that keep all their values.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub keep: Vec<Axis>,
 }
 
 impl Default for QuickSettings {
     fn default() -> Self {
-        Self { seconds: 10.0, ideal_steps: 100 }
+        Self { seconds: 10.0, ideal_steps: 100, keep: Vec::new() }
     }
 }
 
@@ -175,10 +178,15 @@ impl Plan {
     /// The plan for a first look: every second value of long axes, and less time for each cell.
     #[must_use]
     pub fn quick(&self) -> Self {
-        let QuickSettings { seconds, ideal_steps } = self.quick;
+        let QuickSettings { seconds, ideal_steps, .. } = self.quick;
         let seconds = if self.estimates.steps.is_some() { None } else { Some(seconds) };
         let estimates = EstimateSettings { seconds, ideal_steps: Some(ideal_steps), ..self.estimates };
-        Self { axes: self.axes.halved(), estimates, title: format!("{} (quick)", self.title), ..self.clone() }
+        Self {
+            axes: self.axes.halved(&self.quick.keep),
+            estimates,
+            title: format!("{} (quick)", self.title),
+            ..self.clone()
+        }
     }
 
     /// The plan with the published procedure: high-count entropies, a fitted `PixelCNN`, five trials.

@@ -69,6 +69,9 @@ fn named_plans_are_read_from_their_files_again() {
     }
     let fig2 = NamedPlan::find("fig2").unwrap().plan;
     assert_eq!((fig2.cells().unwrap().len(), fig2.quick().cells().unwrap().len()), (216, 60));
+    // A first look at depth has every number of planes at both densities.
+    let s2 = NamedPlan::find("s2").unwrap().plan.quick();
+    assert_eq!((s2.axes.mask.len(), s2.axes.objects.len()), (3, 10));
 }
 
 #[test]
