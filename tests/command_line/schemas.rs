@@ -86,9 +86,10 @@ fn read(name: &str) -> String {
 fn designs_validate() {
     let schema = Schema::open("design");
     for name in
-        ["../design-v1.json", "../design-v1-diffuser.json", "../design-v1-picture.json", "../design-v1-volume.json"]
+        ["v1.json", "v1-diffuser.json", "v1-picture.json", "v1-volume.json", "v2-diffuser.json", "v2-throughput.json"]
     {
-        schema.check(&serde_json::from_str(&read(name)).unwrap());
+        let name = format!("../design-{name}");
+        schema.check(&serde_json::from_str(&read(&name)).unwrap());
     }
     for name in ["nine-lenslets", "designed", "diffuser"] {
         let path = root().join(format!("assets/samples/{name}.json"));
@@ -131,7 +132,7 @@ fn files_of_earlier_versions_validate() {
     let study = StudyRecord::open(&golden("study-v1.json")).unwrap();
     Schema::open("study").check(&serde_json::to_value(study).unwrap());
     let of_run = Schema::open("run");
-    for name in ["run-v1-density.json", "run-v1-posterior.json"] {
+    for name in ["run-v1-density.json", "run-v1-posterior.json", "run-v2-throughput.json"] {
         let Record::Run(run) = Record::open(&golden(name)).unwrap() else { panic!("another record") };
         of_run.check(&serde_json::to_value(run).unwrap());
     }

@@ -72,11 +72,16 @@ fn estimates_open() {
 
 #[test]
 fn records_of_runs_and_live_estimates_open() {
-    for (name, objective) in [("density", Objective::Density), ("posterior", Objective::Posterior)] {
-        let Record::Run(run) = Record::open(&golden(&format!("run-v1-{name}.json"))).unwrap() else {
+    for (name, objective) in [
+        ("v1-density", Objective::Density),
+        ("v1-posterior", Objective::Posterior),
+        ("v2-throughput", Objective::Density),
+    ] {
+        let Record::Run(run) = Record::open(&golden(&format!("run-{name}.json"))).unwrap() else {
             panic!("another record");
         };
         assert!(run.finished && run.settings.objective == objective && run.parts().is_ok());
+        assert_eq!(run.result.throughput() < 1.0, name == "v2-throughput");
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("live.json");
@@ -127,7 +132,7 @@ fn runs_are_resumed() {
 
 #[test]
 fn unsaved_designs_and_snapshots_open() {
-    for name in ["window-v0", "window-v1"] {
+    for (name, throughput) in [("window-v0", 1.0), ("window-v1", 1.0), ("window-v2", 0.5)] {
         let folder = copied(name);
         let unsaved = Session::left_unsaved_in(&folder.path().join("unsaved"));
         assert_eq!(unsaved.len(), 1, "{name}");
@@ -135,5 +140,9 @@ fn unsaved_designs_and_snapshots_open() {
         let found = Snapshots::read(&folder.path().join("kept")).unwrap();
         assert_eq!((found.snapshots.entries.len(), found.unreadable, found.unlisted), (2, 0, 0), "{name}");
         assert!(found.snapshots.entries.iter().all(|snapshot| snapshot.numbers.ceiling.is_some()));
+        let snapshots = found.snapshots.entries.iter().map(|snapshot| &snapshot.design.encoder);
+        for encoder in snapshots.chain([&unsaved[0].design.encoder]) {
+            assert_eq!(encoder.throughput(), throughput, "{name}");
+        }
     }
 }
