@@ -170,7 +170,11 @@ impl TransferSeries<'_> {
         };
         let slope = |drawn: &Drawn| {
             let points = points(drawn);
-            if starts_anywhere { free_slope(&points) } else { slope_through_origin(&points) }
+            if starts_anywhere {
+                free_slope(&points)
+            } else {
+                gain_through_origin(&points, drawn.darks[shortest].variance)
+            }
         };
         let gain = slope(&plain);
         if gain <= 0.0 || !gain.is_finite() {
@@ -324,6 +328,20 @@ pub(super) fn slope_through_origin(points: &[[f64; 2]]) -> f64 {
     products / points.iter().map(|[x, _]| x * x).sum::<f64>()
 }
 
+/// Slope of the photon transfer curve through the origin. Variances scatter by a share of themselves, so each point weighs by the inverse
+/// square of the variance that a first line gives it above that of the dark. Weights of the measured variances would bias the slope.
+fn gain_through_origin(points: &[[f64; 2]], dark_variance: f64) -> f64 {
+    let first = slope_through_origin(points);
+    let (mut products, mut squares) = (0.0, 0.0);
+    for [x, y] in points {
+        let weight = (dark_variance + first * x).powi(-2);
+        products += weight * x * y;
+        squares += weight * x * x;
+    }
+    // A series without shot noise is refused by its first slope.
+    if first > 0.0 { products / squares } else { first }
+}
+
 /// Slope of a line with any start; each point weighs by the inverse square of its ordinate, as variances scatter by a share.
 fn free_slope(points: &[[f64; 2]]) -> f64 {
     let mut sums = [0.0_f64; 5];
@@ -384,6 +402,7 @@ mod tests {
     fn slopes_of_lines_are_found() {
         let line = |start: f64| [1.0, 2.0, 5.0].map(|x| [x, start + 0.5 * x]);
         assert!((slope_through_origin(&line(0.0)) - 0.5).abs() < 1e-12);
+        assert!((gain_through_origin(&line(0.0), 4.0) - 0.5).abs() < 1e-12);
         assert!((free_slope(&line(3.0)) - 0.5).abs() < 1e-12);
     }
 

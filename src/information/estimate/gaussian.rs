@@ -203,7 +203,8 @@ mod tests {
         }
         let dark = Array3::zeros((60, 4, 4));
         let paper = GaussianRequest { protocol: Protocol::Paper, test_clean: None, ..request(&train, &dark) };
-        assert_eq!(fails(paper), InformationError::DarkPixel);
+        // The published procedure counts measured zeros.
+        assert!(gaussian_estimate(&paper).is_ok());
     }
 
     #[test]
