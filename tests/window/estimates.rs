@@ -305,7 +305,7 @@ fn camera_images_are_estimated() {
     window.get_by_label_contains("the scenes of");
     // The settings and notes of the command line are beside the number.
     window.get_by_label("gain 2, offset 0, bin 1");
-    window.get_by_label("note: photons are (grey level - 0) / 2");
+    window.get_by_label_contains("note: photons are (grey level - 0) / 2");
     for note in &finished.estimate.notes {
         window.get_by_label(&format!("note: {note}"));
     }

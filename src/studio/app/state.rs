@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::studies::plans::StudyFolder;
 use crate::studio::canvas::image_view::ColourPalettes;
 use crate::studio::state::dialogs::Dialogs;
 use crate::studio::state::edit_history::EditHistory;
@@ -99,6 +100,14 @@ pub struct Parts<'a> {
 }
 
 impl State {
+    /// Opens the last study again. A folder that was moved away is no reason for a message.
+    pub fn reopen_study(&mut self) {
+        if let Some(study) = self.preferences.study.clone().filter(|study| StudyFolder::is_at(study)) {
+            let opened = self.session.open_study(None, study);
+            self.report(opened);
+        }
+    }
+
     /// State of a new window on a session.
     pub fn new(session: Session) -> Self {
         let (live, estimates) = (session.live(), session.estimates());

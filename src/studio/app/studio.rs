@@ -10,7 +10,6 @@ use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
-use crate::studies::plans::StudyFolder;
 use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
 use crate::studio::app::repaint_throttle::RepaintThrottle;
@@ -138,12 +137,7 @@ impl Studio {
             self.state.messages.push(Severity::Failure, error.to_string());
         }
         self.keep_runs(folder);
-        // A folder that was moved away is no reason for a message.
-        let study = self.state.preferences.study.clone().filter(|study| StudyFolder::is_at(study));
-        if let Some(study) = study {
-            let opened = self.state.session.open_study(None, study);
-            self.state.report(opened);
-        }
+        self.state.reopen_study();
     }
 
     /// Stores nothing but unsaved changes, if a folder was chosen for them.
