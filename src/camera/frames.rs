@@ -8,7 +8,7 @@ use super::channel::ColourChoice;
 use super::error::CameraError;
 use super::grey_values::GreyValues;
 use super::series::{FrameGroup, FrameSeries};
-use crate::formats::ImageFile;
+use crate::formats::{ImageFile, Meaning, bits_of};
 
 /// Frames of one group, reduced to temporal statistics of each pixel, row by row, in grey values (DN).
 #[derive(Clone, Debug)]
@@ -59,17 +59,19 @@ impl<'a> FrameReader<'a> {
 
     /// Bits of the number type; `None` for floats.
     pub(super) fn type_bits(&self) -> Option<u32> {
-        self.format.as_ref()?.white.map(|white| u16::BITS - white.leading_zeros())
+        self.format.as_ref()?.white.map(bits_of)
     }
 
     /// Reads the frames of a group one by one.
     pub(super) fn read(&mut self, group: &FrameGroup) -> Result<FrameStack, CameraError> {
         let mut sums: Option<Sums> = None;
         for path in &group.files {
-            let file = match self.series.meaning {
-                // A path of a descriptor may have options of its own.
-                ref meaning if *meaning == crate::formats::Meaning::default() => ImageFile::find(path)?,
-                ref meaning => ImageFile { path: path.clone(), meaning: meaning.clone() },
+            let meaning = &self.series.meaning;
+            // A path of a descriptor may have options of its own.
+            let file = if *meaning == Meaning::default() {
+                ImageFile::find(path)?
+            } else {
+                ImageFile { path: path.clone(), meaning: meaning.clone() }
             };
             let read = self.colour.read(&file)?;
             // One plane of pixels has one dark signal and one gain.
@@ -102,9 +104,8 @@ impl<'a> FrameReader<'a> {
             return Err(CameraError::Size { path, first, expected: *expected, found: shape });
         }
         if white != *expected_white {
-            let depth = |white: Option<u16>| {
-                white.map_or("floats".to_owned(), |white| format!("{} bits", u16::BITS - white.leading_zeros()))
-            };
+            let depth =
+                |white: Option<u16>| white.map_or("floats".to_owned(), |white| format!("{} bits", bits_of(white)));
             return Err(CameraError::Depth { path, first, expected: depth(*expected_white), found: depth(white) });
         }
         Ok(())

@@ -10,6 +10,7 @@ mod file;
 mod frames;
 mod grey_values;
 mod grouping;
+mod line;
 mod locate;
 mod nonuniformity;
 mod plot;

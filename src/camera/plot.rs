@@ -2,13 +2,11 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
 
 use super::calibration::CameraCalibration;
 use super::response::{Linearity, linearity};
+use crate::formats::{DRAWING_FONT, use_drawing_font};
 
-/// Family of all texts, measured by the program's own font.
-const FONT: &str = "sans-serif";
 /// Size of a panel with its labels, pixels of the drawing.
 const PANEL: (u32, u32) = (380, 300);
 const LEVEL: RGBColor = RGBColor(0x08, 0x51, 0x9c);
@@ -21,8 +19,7 @@ type Drawn = Result<(), Box<dyn std::error::Error>>;
 
 /// The drawing; `None` where it cannot be drawn.
 pub(super) fn calibration_plot(camera: &CameraCalibration) -> Option<String> {
-    // A drawing without a known font fails.
-    let _ = register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT);
+    use_drawing_font();
     let mut svg = String::new();
     draw(&mut svg, camera).ok()?;
     Some(svg)
@@ -57,7 +54,7 @@ struct Panel<'a> {
 impl Panel<'_> {
     fn draw(self, area: &Area<'_>) -> Drawn {
         let mut chart = ChartBuilder::on(area)
-            .caption(self.title, (FONT, 14))
+            .caption(self.title, (DRAWING_FONT, 14))
             .margin(8)
             .x_label_area_size(38)
             .y_label_area_size(58)
@@ -73,7 +70,7 @@ impl Panel<'_> {
             .y_labels(6)
             .x_desc(self.x.0)
             .y_desc(self.y.0)
-            .label_style((FONT, 11))
+            .label_style((DRAWING_FONT, 11))
             .draw()?;
         chart.draw_series(LineSeries::new(self.line, FITTED.stroke_width(2)))?;
         chart.draw_series(self.points.into_iter().map(|point| Circle::new(point, 3, LEVEL.filled())))?;
@@ -109,8 +106,8 @@ fn signal_to_noise(area: &Area<'_>, camera: &CameraCalibration) -> Drawn {
     let gain = camera.system_gain_dn_per_electron;
     let decibels = |ratio: f64| 20.0 * ratio.log10();
     let log = |electrons: f64| electrons.log10();
-    let seen = camera.light_levels.iter().filter(|level| level.signal_dn > gain && level.temporal_variance_dn2 > 0.0);
-    let points: Vec<(f64, f64)> = seen
+    let bright = camera.light_levels.iter().filter(|level| level.signal_dn > gain && level.temporal_variance_dn2 > 0.0);
+    let points: Vec<(f64, f64)> = bright
         .map(|level| (log(level.signal_dn / gain), decibels(level.signal_dn / level.temporal_variance_dn2.sqrt())))
         .filter(|(_, ratio)| *ratio > 0.0)
         .collect();

@@ -1,6 +1,7 @@
 //! Response of a sensor to light: linearity error and quantum efficiency.
 
-use super::transfer::{LightLevel, slope_through_origin};
+use super::line::{Line, slope_through_origin};
+use super::transfer::LightLevel;
 
 /// Range of the signal in which linearity is judged, as shares of saturation (EMVA 1288).
 const LINEAR: std::ops::RangeInclusive<f64> = 0.05..=0.95;
@@ -8,13 +9,6 @@ const LINEAR: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 const RESPONSIVE_SHARE: f64 = 0.7;
 /// Smallest number of levels for a line and its deviations.
 const LEAST_LEVELS: usize = 3;
-
-/// A line of signal against exposure.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Line {
-    pub(super) start: f64,
-    pub(super) slope: f64,
-}
 
 /// The linearity of a series.
 #[derive(Clone, Debug)]
@@ -49,18 +43,7 @@ pub(super) fn linearity(levels: &[LightLevel], saturation_dn: f64) -> Option<Lin
     if points.len() < LEAST_LEVELS {
         return None;
     }
-    let mut sums = [0.0; 5];
-    for [x, y] in &points {
-        let weight = 1.0 / (y * y);
-        let terms = [1.0, *x, *y, x * x, x * y];
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
-    }
-    let [n, x, y, xx, xy] = sums;
-    let determinant = n * xx - x * x;
-    if determinant <= 0.0 {
-        return None;
-    }
-    let line = Line { start: (xx * y - x * xy) / determinant, slope: (n * xy - x * y) / determinant };
+    let line = Line::fit_relative(&points)?;
     let deviation = |[x, y]: &[f64; 2]| {
         let fitted = line.start + line.slope * x;
         100.0 * ((y - fitted) / fitted).abs()

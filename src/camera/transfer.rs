@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use super::error::CameraError;
 use super::frames::{BlockSums, Moments};
+use super::line::{Line, slope_through_origin};
+use crate::plural::{counted, one_or_many};
 
 /// Share of the saturation up to which the gain is fitted.
 const FITTED_SHARE: f64 = 0.7;
@@ -113,7 +115,7 @@ impl TransferSeries<'_> {
     }
 
     /// Dark frames of the exposure that is nearest to that of a light level.
-    pub(super) fn dark_of(&self, light: &Step) -> usize {
+    fn dark_of(&self, light: &Step) -> usize {
         let distance = |dark: &Step| match (dark.exposure_ns, light.exposure_ns) {
             (Some(dark), Some(light)) => (dark - light).abs(),
             _ => 0.0,
@@ -171,7 +173,7 @@ impl TransferSeries<'_> {
         let slope = |drawn: &Drawn| {
             let points = points(drawn);
             if starts_anywhere {
-                free_slope(&points)
+                Line::fit_relative(&points).map_or(f64::NAN, |line| line.slope)
             } else {
                 gain_through_origin(&points, drawn.darks[shortest].variance)
             }
@@ -182,10 +184,7 @@ impl TransferSeries<'_> {
             return Err(self.no_shot_noise(&plain, advice));
         }
         if fitted.len() < 3 {
-            notes.push(format!(
-                "the gain rests on {} below 70 % of saturation",
-                crate::plural::counted(fitted.len(), "light level")
-            ));
+            notes.push(format!("the gain rests on {} below 70 % of saturation", counted(fitted.len(), "light level")));
         }
         if !starts_anywhere {
             notes.extend(bend(&points(&plain), gain, |at| self.lights[fitted[at]].relative_error()));
@@ -242,8 +241,9 @@ impl TransferSeries<'_> {
         let count = differs.count();
         if count > 0 {
             notes.push(format!(
-                "{} no dark frames of the same exposure, so those of the nearest were subtracted; dark current is then left in",
-                if count == 1 { "1 light level has".into() } else { format!("{count} light levels have") }
+                "{} {} no dark frames of the same exposure, so those of the nearest were subtracted; dark current is then left in",
+                counted(count, "light level"),
+                one_or_many(count, "has", "have")
             ));
         }
     }
@@ -322,12 +322,6 @@ struct Saturation {
     for_fit: f64,
 }
 
-/// Least-squares slope of a line through the origin.
-pub(super) fn slope_through_origin(points: &[[f64; 2]]) -> f64 {
-    let products: f64 = points.iter().map(|[x, y]| x * y).sum();
-    products / points.iter().map(|[x, _]| x * x).sum::<f64>()
-}
-
 /// Slope of the photon transfer curve through the origin. Variances scatter by a share of themselves, so each point weighs by the inverse
 /// square of the variance that a first line gives it above that of the dark. Weights of the measured variances would bias the slope.
 fn gain_through_origin(points: &[[f64; 2]], dark_variance: f64) -> f64 {
@@ -342,38 +336,17 @@ fn gain_through_origin(points: &[[f64; 2]], dark_variance: f64) -> f64 {
     if first > 0.0 { products / squares } else { first }
 }
 
-/// Slope of a line with any start; each point weighs by the inverse square of its ordinate, as variances scatter by a share.
-fn free_slope(points: &[[f64; 2]]) -> f64 {
-    let mut sums = [0.0_f64; 5];
-    for [x, y] in points {
-        let weight = 1.0 / (y * y);
-        let terms = [1.0, *x, *y, x * x, x * y];
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
-    }
-    let [n, x, y, xx, xy] = sums;
-    (n * xy - x * y) / (n * xx - x * x)
-}
-
 /// A note on a photon transfer curve that is no line: its variance per signal changes from dim to bright levels.
 fn bend(points: &[[f64; 2]], gain: f64, relative_error: impl Fn(usize) -> f64) -> Option<String> {
     // Variance over signal against signal, weighted by its error.
-    let mut sums = [0.0_f64; 5];
-    for (at, [x, y]) in points.iter().enumerate() {
+    let weighted = points.iter().enumerate().map(|(at, &[x, y])| {
         let error = relative_error(at) * (y / x).abs();
-        let weight = if error > 0.0 { error.powi(-2) } else { 0.0 };
-        let terms = [1.0, *x, y / x, x * x, *y];
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
-    }
-    let [n, x, y, xx, xy] = sums;
-    let determinant = n * xx - x * x;
-    if points.len() < 4 || determinant <= 0.0 {
-        return None;
-    }
-    let (start, slope) = ((xx * y - x * xy) / determinant, (n * xy - x * y) / determinant);
-    let error = (n / determinant).sqrt();
+        ([x, y / x], if error > 0.0 { error.powi(-2) } else { 0.0 })
+    });
+    let Line { start, slope, slope_error } = Line::fit(weighted).filter(|_| points.len() >= 4)?;
     let brightest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
     let share = slope * brightest / start;
-    (slope.abs() > CLEAR * error && share.abs() > 0.02).then(|| {
+    (slope.abs() > CLEAR * slope_error && share.abs() > 0.02).then(|| {
         format!(
             "the photon transfer curve is bent by {:.1} % up to 70 % of saturation: at low light the gain is {start:.4} in place \
              of {gain:.4} DN per electron",
@@ -399,11 +372,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn slopes_of_lines_are_found() {
-        let line = |start: f64| [1.0, 2.0, 5.0].map(|x| [x, start + 0.5 * x]);
-        assert!((slope_through_origin(&line(0.0)) - 0.5).abs() < 1e-12);
-        assert!((gain_through_origin(&line(0.0), 4.0) - 0.5).abs() < 1e-12);
-        assert!((free_slope(&line(3.0)) - 0.5).abs() < 1e-12);
+    fn gain_is_the_slope_of_a_line() {
+        let line = [1.0, 2.0, 5.0].map(|x| [x, 0.5 * x]);
+        assert!((gain_through_origin(&line, 4.0) - 0.5).abs() < 1e-12);
     }
 
     #[test]

@@ -162,16 +162,16 @@ impl Arguments {
             progress_line.show(progress.done, progress.total, &progress.step);
             ControlFlow::Continue(())
         };
-        let noise = (design.noise, design.seed);
+        let conditions = self.measured.conditions(design.noise, design.seed);
         let result = match &self.measured.measurements[..] {
             [] => estimate(&design, &request, &mut on_progress).map_err(|error| about_objects(&design, error))?,
-            [source] => self.measured.estimate(source, &request, noise, &mut on_progress)?,
+            [source] => self.measured.estimate(source, &request, conditions, &mut on_progress)?,
             _ => {
                 if self.resume.is_some() || self.weights.is_some() || self.save_weights.is_some() {
                     let advice = "--resume, --weights and --save-weights are for one system; give --measurements once";
                     return Err(anyhow::anyhow!(advice).into());
                 }
-                let compared = self.measured.compare(&request, noise, &mut on_progress)?;
+                let compared = self.measured.compare(&request, conditions, &mut on_progress)?;
                 progress_line.finish();
                 return if self.json {
                     output::print_json(&compared.marked())

@@ -9,8 +9,8 @@ use super::calibrate::ColourArgs;
 use super::choices::measurements_argument;
 use crate::camera::CalibratedCamera;
 use crate::evaluation::{
-    Calibration, Crop, EqualLight, EstimateProgress, EstimateRequest, MeasuredError, MeasuredImages, MeasuredOptions,
-    MeasuredSource, View,
+    Calibration, Crop, EqualLight, EstimateProgress, EstimateRequest, MeasuredConditions, MeasuredError,
+    MeasuredImages, MeasuredOptions, MeasuredSource, View,
 };
 use crate::formats::DocumentKind;
 use crate::information::{Estimate, PairedDifference, TestPatches, interval_behind};
@@ -150,6 +150,12 @@ impl MeasuredArgs {
         Ok((sigma > 1e-3).then_some(Noise::ShotRead { sigma: (sigma * 1e4).round() / 1e4 }))
     }
 
+    /// Noise, light and seed of the estimates.
+    pub fn conditions(&self, noise: Noise, seed: u64) -> MeasuredConditions {
+        let light = self.equal_light.map(|mean_photons| EqualLight { mean_photons, ..EqualLight::default() });
+        MeasuredConditions { noise, light, seed }
+    }
+
     fn options(&self) -> MeasuredOptions {
         let quarter_turns = self.rotate.as_ref().and_then(|angle| angle.parse::<u16>().ok()).unwrap_or_default() / 90;
         MeasuredOptions {
@@ -166,16 +172,15 @@ impl MeasuredArgs {
         &self,
         source: &MeasuredSource,
         request: &EstimateRequest,
-        (noise, seed): (Noise, u64),
+        conditions: MeasuredConditions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<System, MeasuredError> {
         let images = MeasuredImages::open_with(source, &self.options(), progress)?;
-        let light = self.equal_light.map(|mean_photons| EqualLight { mean_photons, ..EqualLight::default() });
         // Differences of few images need all of them.
         let (estimate, patches) = if self.measurements.len() > 1 {
-            images.cross_validated(request, noise, light, seed, progress)?
+            images.cross_validated(request, conditions, progress)?
         } else {
-            images.estimate_patches(request, noise, light, seed, progress)?
+            images.estimate_patches(request, conditions, progress)?
         };
         let name = |file: &PathBuf| file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let names = source.files()?.iter().map(name).collect();
@@ -187,25 +192,25 @@ impl MeasuredArgs {
         &self,
         source: &MeasuredSource,
         request: &EstimateRequest,
-        noise: (Noise, u64),
+        conditions: MeasuredConditions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Estimate, MeasuredError> {
-        Ok(self.system(source, request, noise, progress)?.estimate)
+        Ok(self.system(source, request, conditions, progress)?.estimate)
     }
 
     /// Estimates of all systems and their differences.
     pub fn compare(
         &self,
         request: &EstimateRequest,
-        noise: (Noise, u64),
+        conditions: MeasuredConditions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Compared, MeasuredError> {
-        let systems = self.measurements.iter().map(|source| self.system(source, request, noise, progress));
+        let systems = self.measurements.iter().map(|source| self.system(source, request, conditions, progress));
         let systems = systems.collect::<Result<Vec<System>, _>>()?;
         let mut differences = Vec::new();
         if let Some((first, others)) = systems.split_first() {
             for other in others {
-                differences.push(self.difference(first, other, noise.1)?);
+                differences.push(self.difference(first, other, conditions.seed)?);
             }
         }
         Ok(Compared { systems: systems.into_iter().map(|system| system.estimate).collect(), differences })

@@ -12,9 +12,10 @@ use serde_json::json;
 
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::checkpoint::{EstimateCheckpoint, Identity};
+use crate::evaluation::equal_light::EqualLight;
 use crate::evaluation::estimation::{TrialContext, network_trial};
 use crate::evaluation::measured_checks::{
-    BELOW_ZERO_SATURATED, SATURATED, WRAPPED, below_zero, few_photons_note, neighbour_note,
+    BELOW_ZERO_SATURATED, SATURATED, SPLIT, WRAPPED, below_zero, few_photons_note, neighbour_note,
 };
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;
@@ -84,8 +85,6 @@ pub struct MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).
     pub(crate) photons: Array3<f32>,
     pub(crate) path: PathBuf,
-    /// Calibration of whole grey values; none where they are not whole.
-    pub(crate) steps: Option<Calibration>,
     /// What the grey values can carry; none where they are not whole.
     pub(crate) limit: Option<LevelLimit>,
     /// Gain, offset and bins.
@@ -103,31 +102,27 @@ pub(crate) struct LevelLimit {
     pub(crate) step: f64,
 }
 
-/// Equal light for all systems: images are scaled to a mean, and fresh noise is drawn (the published procedure).
-///
-/// The measured images then are the clean ones. Their own noise counts as part of the scene.
+/// Noise, light and seed of an estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EqualLight {
-    /// Mean of the scaled images, photons per pixel.
-    pub mean_photons: f64,
-    /// Background that is added, photons per pixel.
-    pub background_photons: f64,
+pub struct MeasuredConditions {
+    /// Noise of the photons.
+    pub noise: Noise,
+    /// Equal light; `None` takes the images as they are.
+    pub light: Option<EqualLight>,
+    /// Seed of all random draws.
+    pub seed: u64,
 }
 
-impl Default for EqualLight {
-    fn default() -> Self {
-        Self { mean_photons: 500.0, background_photons: 10.0 }
-    }
-}
-
-/// Noise, light and seed of an estimate, and which split into test and training images it has.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Conditions {
-    pub(crate) noise: Noise,
-    pub(crate) light: Option<EqualLight>,
-    pub(crate) seed: u64,
-    /// Number of the split, from 0.
-    pub(crate) fold: usize,
+/// What all splits of an estimate share.
+pub(crate) struct Prepared<'a> {
+    conditions: MeasuredConditions,
+    /// Noise of the density model.
+    noise: Noise,
+    /// Rows and columns of a patch.
+    patch: (usize, usize),
+    stacks: Stacks<'a>,
+    fingerprint: String,
+    notes: Vec<String>,
 }
 
 /// The estimate of one split, with the information of each test patch and the image that it shows.
@@ -199,7 +194,7 @@ impl MeasuredImages {
         seed: u64,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Estimate, MeasuredError> {
-        Ok(self.estimate_patches(request, noise, None, seed, progress)?.0)
+        Ok(self.estimate_patches(request, MeasuredConditions { noise, light: None, seed }, progress)?.0)
     }
 
     /// As [`MeasuredImages::estimate`], at equal light where it is given, with the information of each test patch.
@@ -211,30 +206,28 @@ impl MeasuredImages {
     pub fn estimate_patches(
         &self,
         request: &EstimateRequest,
-        noise: Noise,
-        light: Option<EqualLight>,
-        seed: u64,
+        conditions: MeasuredConditions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Estimate, TestPatches), MeasuredError> {
-        let conditions = Conditions { noise, light, seed, fold: 0 };
-        let FoldResult { estimate, information, images } = self.estimate_fold(request, conditions, progress)?;
+        let prepared = self.prepare(request, conditions)?;
+        let FoldResult { estimate, information, images } = self.estimate_fold(request, &prepared, 0, progress)?;
         Ok((estimate, TestPatches { information, images: SharedImages::one_each(images) }))
     }
 
-    /// The estimate of one split into test and training images.
-    pub(crate) fn estimate_fold(
+    /// Checks the request, and draws noise and finds notes for all splits.
+    pub(crate) fn prepare(
         &self,
         request: &EstimateRequest,
-        Conditions { noise, light, seed, fold }: Conditions,
-        progress: &mut (dyn Progress<EstimateProgress> + Send),
-    ) -> Result<FoldResult, MeasuredError> {
-        let start = std::time::Instant::now();
-        let (stated, mut notes) = (noise, self.notes.clone());
-        let steps = self.steps.filter(|_| light.is_none());
-        notes.extend(steps.and_then(|steps| steps.warn_of_steps(noise)));
+        conditions: MeasuredConditions,
+    ) -> Result<Prepared<'_>, MeasuredError> {
+        let MeasuredConditions { noise: stated, light, seed } = conditions;
+        let mut notes = self.notes.clone();
+        // Whole grey values limit the information, but not that of fresh noise.
+        let steps = self.limit.filter(|_| light.is_none()).map(|_| self.calibration);
+        notes.extend(steps.and_then(|steps| steps.warn_of_steps(stated)));
         let noise = match steps {
-            Some(steps) if request.protocol == Protocol::Default => steps.bounding(noise),
-            _ => noise,
+            Some(steps) if request.protocol == Protocol::Default => steps.bounding(stated),
+            _ => stated,
         };
         NoiseEntropy::new(noise, request.protocol)?;
         let (images, rows, cols) = self.photons.dim();
@@ -247,6 +240,22 @@ impl MeasuredImages {
         if light.is_none() {
             notes.extend(few_photons_note(self.photons.view(), noise, request.protocol, request.model.estimator()));
         }
+        Ok(Prepared { conditions, noise, patch, stacks, fingerprint: self.fingerprint(), notes })
+    }
+
+    /// The estimate of split number `fold`, from 0, into test and training images.
+    pub(crate) fn estimate_fold(
+        &self,
+        request: &EstimateRequest,
+        prepared: &Prepared<'_>,
+        fold: usize,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<FoldResult, MeasuredError> {
+        let start = std::time::Instant::now();
+        let &Prepared { conditions, noise, patch, ref stacks, ref fingerprint, ref notes } = prepared;
+        let MeasuredConditions { noise: stated, light, seed } = conditions;
+        let (images, rows, cols) = self.photons.dim();
+        let mut notes = notes.clone();
         let test_images = self.test_images();
         // All trials share the test patches: the smallest of estimates on different scenes would be that of the dullest scene.
         let test_seed = SeedStream::TestPatches.derive(seed);
@@ -255,7 +264,6 @@ impl MeasuredImages {
         order.rotate_left(fold * test_images % images);
         let (test, train) = order.split_at(test_images);
         let parts = ImageParts { test, test_seed, train };
-        let fingerprint = self.fingerprint();
         let mut kept = EstimateCheckpoint::open(request.keep.as_deref(), || {
             let mut content = json!({
                 "measurements": fingerprint,
@@ -267,7 +275,7 @@ impl MeasuredImages {
                 content["equal_light"] = json!([mean_photons, background_photons]);
             }
             let earlier = if light.is_some() { Vec::new() } else { request.earlier_identities() };
-            let earlier = earlier.into_iter().map(|text| format!("{:#?}", (&fingerprint, noise, seed, text))).collect();
+            let earlier = earlier.into_iter().map(|text| format!("{:#?}", (fingerprint, noise, seed, text))).collect();
             Identity { content, earlier }
         })?;
         let (mut trials, repetitions, mut seconds) = (Vec::new(), request.repetitions(), 0.0);
@@ -276,12 +284,12 @@ impl MeasuredImages {
             trials.push(kept.trial(index, |keeper| {
                 in_trial(index, repetitions, &mut seconds, progress, |progress| {
                     let context = TrialContext { seed, keeper, smallest };
-                    trial(request, noise, patch, (&stacks, &parts), &context, progress)
+                    trial(request, noise, patch, (stacks, &parts), &context, progress)
                 })
             })?);
         }
         notes.push(format!(
-            "test patches were cut from {}, training patches from {}",
+            "{SPLIT} {}, training patches from {}",
             counted(test_images, "image"),
             counted(images - test_images, "other image")
         ));
@@ -290,7 +298,7 @@ impl MeasuredImages {
         let provenance = Provenance {
             bias: light.map_or(0.0, |light| light.background_photons),
             objects: scenes,
-            objects_fingerprint: fingerprint,
+            objects_fingerprint: fingerprint.clone(),
             encoder: "unknown mask".into(),
             throughput: None,
             ceiling: None,
@@ -343,12 +351,10 @@ impl MeasuredImages {
 
     /// The images as they are, or at equal light with fresh noise.
     fn stacks(&self, light: Option<EqualLight>, noise: Noise, seed: u64) -> Stacks<'_> {
-        let Some(EqualLight { mean_photons, background_photons }) = light else {
+        let Some(light) = light else {
             return Stacks { noisy: Cow::Borrowed(&self.photons), clean: None };
         };
-        let mean = self.photons.iter().map(|&value| f64::from(value)).sum::<f64>() / self.photons.len() as f64;
-        let scaled = |value: &f32| (f64::from(*value) * mean_photons / mean + background_photons).max(0.0) as f32;
-        let clean = self.photons.map(scaled);
+        let clean = light.clean(self.photons.view());
         let noisy = noise.draw(clean.view(), SeedStream::EqualLight.derive(seed));
         Stacks { noisy: Cow::Owned(noisy), clean: Some(clean) }
     }
@@ -458,16 +464,6 @@ fn cut(
 /// Which image each patch shows.
 fn shown(places: &Patches) -> SharedImages {
     SharedImages::one_each(places.corners().iter().map(|&(image, ..)| image as u32))
-}
-
-impl EqualLight {
-    fn describe(self) -> String {
-        let Self { mean_photons, background_photons } = self;
-        format!(
-            "equal light: images are scaled to a mean of {mean_photons} photons per pixel, {background_photons} are added, and \
-             fresh noise is drawn; their own noise counts as scene"
-        )
-    }
 }
 
 /// Patches at random places of images, as many as are requested.

@@ -10,13 +10,13 @@ use crate::evaluation::pixel_calibration::Origins;
 use crate::information::{Estimator, NoiseEntropy, Protocol, gaussian_entropy};
 use crate::sensor::Noise;
 
-/// Share of the variance that is the same in all images from which on it is told.
+/// Least share of the variance that is the same in all images for a note.
 const FIXED_SHARE: f64 = 0.02;
-/// Standard errors by which it must exceed 0.
+/// Standard errors by which that share must exceed 0.
 const CLEAR: f64 = 4.0;
-/// Variance of neighbouring pixels, as a share of shot noise, below which it is told.
+/// Least variance of neighbouring pixels without a note, as a share of that of the stated noise.
 const LEAST_NOISE_SHARE: f64 = 0.9;
-/// Bias from which on it is told, bits per pixel.
+/// Largest bias without a note, bits per pixel.
 const LEAST_BIAS: f64 = 0.02;
 /// Side of the blocks whose mean stands for the light there, pixels.
 const BLOCK_PX: usize = 8;
@@ -32,10 +32,12 @@ const SEED: u64 = 9;
 pub(crate) const SATURATED: &str = "the largest value: they are saturated";
 /// Part of the note on values that wrapped around zero.
 pub(crate) const WRAPPED: &str = "negative values wrapped around zero";
+/// Beginning of the note on the numbers of test and training images.
+pub(crate) const SPLIT: &str = "test patches were cut from";
 /// The sentence on an estimate below zero of saturated images.
 pub(crate) const BELOW_ZERO_SATURATED: &str = "error: the estimate is below zero by more than its interval, as saturated pixels do \
                                                not vary; record images of less light";
-/// Share of saturated pixels from which on no estimate is to be relied on.
+/// Largest share of saturated pixels of an estimate that can be relied on.
 const MANY_SATURATED: f64 = 0.01;
 
 /// Notes on grey values, the gravest first.
@@ -250,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn fixed_pattern_is_told_by_its_share() {
+    fn fixed_pattern_is_noted_with_its_share() {
         let mut images = shot(100.0);
         assert_eq!(fixed_pattern_note(images.view(), false), None);
         for ((_, r, c), pixel) in images.indexed_iter_mut() {
@@ -262,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_below_the_stated_one_is_told() {
+    fn noise_below_the_stated_one_is_noted() {
         assert_eq!(neighbour_note(shot(100.0).view(), Noise::Shot), None);
         assert!(neighbour_note((shot(100.0) * 0.5).view(), Noise::Shot).unwrap().contains("by 0.50 of"));
         assert!(neighbour_note(shot(100.0).view(), Noise::Read { sigma: 20.0 }).unwrap().contains("by 0.25 of"));

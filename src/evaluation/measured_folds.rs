@@ -1,12 +1,13 @@
 //! Estimates of few images by cross-validation: every image is a test image once.
 
-use crate::evaluation::measured::{Conditions, EqualLight, FoldResult, MeasuredImages};
+use crate::evaluation::measured::{FoldResult, MeasuredConditions, MeasuredImages};
+use crate::evaluation::measured_checks::SPLIT;
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::request::EstimateRequest;
-use crate::information::{Estimate, PairedDifference, SharedImages, TestPatches};
+use crate::information::{Estimate, InformationError, PairedDifference, SharedImages, TestPatches};
+use crate::plural::counted;
 use crate::progress::Progress;
-use crate::sensor::Noise;
 
 /// Number of images up to which every image is tested.
 const FEW_IMAGES: usize = 100;
@@ -21,18 +22,17 @@ impl MeasuredImages {
     pub fn cross_validated(
         &self,
         request: &EstimateRequest,
-        noise: Noise,
-        light: Option<EqualLight>,
-        seed: u64,
+        conditions: MeasuredConditions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Estimate, TestPatches), MeasuredError> {
         let images = self.photons().dim().0;
         let folds = if images <= FEW_IMAGES { images.div_ceil(self.test_images()) } else { 1 };
+        let prepared = self.prepare(request, conditions)?;
         let mut results = Vec::new();
         for fold in 0..folds {
-            results.push(self.estimate_fold(request, Conditions { noise, light, seed, fold }, progress)?);
+            results.push(self.estimate_fold(request, &prepared, fold, progress)?);
         }
-        pooled(results, seed)
+        pooled(results, conditions.seed)
     }
 }
 
@@ -49,7 +49,7 @@ fn pooled(results: Vec<FoldResult>, seed: u64) -> Result<(Estimate, TestPatches)
         information.extend(fold.information);
         images.extend(fold.images);
     }
-    let Some(mut estimate) = first else { return Err(crate::information::InformationError::Empty.into()) };
+    let Some(mut estimate) = first else { return Err(InformationError::Empty.into()) };
     let images = SharedImages::one_each(images);
     if folds > 1.0 {
         // The difference from no information at all.
@@ -61,12 +61,11 @@ fn pooled(results: Vec<FoldResult>, seed: u64) -> Result<(Estimate, TestPatches)
         }
         (estimate.entropy_y, estimate.entropy_y_given_x, estimate.seconds) = (entropy_y, entropy_y_given_x, seconds);
         estimate.patches_test = information.len();
-        let is_of_split =
-            |note: &String| note.starts_with("test patches were cut from") || note.contains("images in all");
+        let is_of_split = |note: &String| note.starts_with(SPLIT) || note.contains("images in all");
         estimate.notes.retain(|note| !is_of_split(note));
         estimate.notes.push(format!(
             "cross-validation: all {} were tested in {folds} parts, each by models of the others",
-            crate::plural::counted(images.images(), "image")
+            counted(images.images(), "image")
         ));
     }
     Ok((estimate, TestPatches { information, images }))

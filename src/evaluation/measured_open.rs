@@ -10,9 +10,10 @@ use crate::evaluation::measured::{LevelLimit, MeasuredImages};
 use crate::evaluation::measured_checks::{fixed_pattern_note, grey_notes};
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;
-use crate::evaluation::pixel_calibration::{Origins, PixelCalibration, View};
+use crate::evaluation::measured_view::View;
+use crate::evaluation::pixel_calibration::{Origins, PixelCalibration};
 use crate::evaluation::progress::{EstimateProgress, report_step, report_understood};
-use crate::formats::{FormatError, ImageFile, ImageSummary, image_files};
+use crate::formats::{FormatError, ImageSummary, bits_of, image_files};
 use crate::progress::Progress;
 
 /// How camera images become electrons.
@@ -32,13 +33,14 @@ pub struct MeasuredOptions {
     pub view: View,
 }
 
-/// Images in grey values as they were read.
-struct GreyImages {
+/// Images of all files, converted, and what is known of their grey values.
+struct ConvertedImages {
     /// Electrons or photons of shape (n, rows, cols).
     photons: Array3<f32>,
     values: GreyValues,
     understood: ImageSummary,
     colour: Option<String>,
+    /// Planes of a mosaic that were summed.
     planes: usize,
 }
 
@@ -69,7 +71,7 @@ impl MeasuredImages {
     ) -> Result<Self, MeasuredError> {
         let path = source.path();
         let calibration = options.pixels()?;
-        let GreyImages { photons, values, understood, colour, planes } =
+        let ConvertedImages { photons, values, understood, colour, planes } =
             read_images(path, options, &calibration, progress)?;
         let found = photons.len_of(Axis(0));
         if found < 2 {
@@ -88,7 +90,7 @@ impl MeasuredImages {
         report_understood(progress, &understood)?;
         let mut notes = grey_notes(&values);
         notes.push(understood);
-        notes.extend([options.describe(&calibration)]);
+        notes.push(options.describe(&calibration));
         notes.extend(options.view.describe());
         let negative = photons.iter().filter(|value| **value < 0.0).count();
         if negative > 0 {
@@ -102,8 +104,7 @@ impl MeasuredImages {
             bits: (summed as f64 * (levels - 1.0) + 1.0).log2(),
             step: values.step().unwrap_or(1.0) / calibration.constants.gain,
         });
-        let steps = values.step().map(|_| calibration.constants);
-        Ok(Self { photons, path: path.to_path_buf(), steps, limit, calibration: calibration.constants, origins, notes })
+        Ok(Self { photons, path: path.to_path_buf(), limit, calibration: calibration.constants, origins, notes })
     }
 }
 
@@ -180,7 +181,7 @@ fn read_images(
     options: &MeasuredOptions,
     calibration: &PixelCalibration,
     progress: &mut (dyn Progress<EstimateProgress> + Send),
-) -> Result<GreyImages, MeasuredError> {
+) -> Result<ConvertedImages, MeasuredError> {
     let files = image_files(path)?;
     let mut photons: Option<Array3<f32>> = None;
     let (mut white, mut values, mut planes, mut colour) = (None, GreyValues::default(), 1, None);
@@ -205,7 +206,7 @@ fn read_images(
     let (Some(photons), Some(understood)) = (photons, understood) else {
         return Err(MeasuredError::TooFewImages { path: path.to_path_buf(), found: 0 });
     };
-    Ok(GreyImages { photons, values, understood, colour, planes })
+    Ok(ConvertedImages { photons, values, understood, colour, planes })
 }
 
 /// Photons of the images of one file, the sum of all their planes.
@@ -244,7 +245,7 @@ fn check_depth(file: &Path, found: Option<u16>, expected: &mut Option<u16>) -> R
     if let (Some(found), Some(expected)) = (found, *expected)
         && found != expected
     {
-        let depth = |white: u16| format!("{} bits", u16::BITS - white.leading_zeros());
+        let depth = |white: u16| format!("{} bits", bits_of(white));
         let expected = format!("grey levels of {}, as in the files before it", depth(expected));
         let advice = "estimate the files of each depth by themselves, with their own gain";
         return Err(FormatError::malformed(file, expected, depth(found), advice));
@@ -294,6 +295,6 @@ impl MeasuredSource {
     /// # Errors
     /// [`FormatError`] if a folder cannot be read.
     pub fn files(&self) -> Result<Vec<PathBuf>, FormatError> {
-        Ok(image_files(self.path())?.into_iter().map(|file: ImageFile| file.path).collect())
+        Ok(image_files(self.path())?.into_iter().map(|file| file.path).collect())
     }
 }

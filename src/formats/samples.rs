@@ -257,7 +257,7 @@ impl PixelStack {
         let from_colour = samples.has_colours(channels);
         let mut stack = Self { white, from_colour, ..Self::new(pages, rows, cols, samples.grey(channels)) };
         if from_colour {
-            stack.understood.numbers = white.map(|white| format!("{} bits", u16::BITS - white.leading_zeros()));
+            stack.understood.numbers = white.map(|white| format!("{} bits", bits_of(white)));
             stack.note("luma of red, green and blue (?channel=green takes one)");
             stack.understood.choices.extend(["channel=red", "channel=green", "channel=blue"].map(Into::into));
         }
@@ -354,6 +354,11 @@ impl ImageFile {
             }
         }
     }
+}
+
+/// Bits of a number type by its largest count: 8 for 255, 16 for 65535.
+pub(crate) fn bits_of(white: u16) -> u32 {
+    u16::BITS - white.leading_zeros()
 }
 
 #[cfg(test)]

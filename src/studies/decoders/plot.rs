@@ -4,7 +4,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::record::DecoderStudyRecord;
-use crate::studies::drawing::use_font;
+use crate::formats::use_drawing_font;
 use crate::studies::error::StudyError;
 
 /// Size of a panel with its labels, pixels of the drawing.
@@ -47,7 +47,7 @@ struct Series {
 /// # Errors
 /// [`StudyError::Plot`] where it cannot be drawn.
 pub(super) fn scatter_plot(record: &DecoderStudyRecord) -> Result<String, StudyError> {
-    use_font();
+    use_drawing_font();
     let mut svg = String::new();
     draw(&mut svg, record).map_err(|error| StudyError::Plot { reason: error.to_string() })?;
     Ok(svg)

@@ -8,8 +8,8 @@ use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 
 use super::figure::{Figure, Panel, Point, Series, Tick};
-use crate::formats::{write_png_rgb, write_safely};
-use crate::studies::drawing::{FONT, ordered_colour, use_font};
+use crate::formats::{DRAWING_FONT, use_drawing_font, write_png_rgb, write_safely};
+use crate::studies::drawing::ordered_colour;
 use crate::studies::error::StudyError;
 
 /// Size of a panel with its labels, pixels of the drawing.
@@ -38,7 +38,7 @@ type Drawn = Result<(), Box<dyn std::error::Error>>;
 /// # Errors
 /// [`StudyError::Plot`] where it cannot be drawn.
 pub fn svg(figure: &Figure) -> Result<String, StudyError> {
-    use_font();
+    use_drawing_font();
     let mut text = String::new();
     let root = SVGBackend::with_string(&mut text, size_of(figure)).into_drawing_area();
     draw(&root, figure, 1).map_err(|error| StudyError::Plot { reason: error.to_string() })?;
@@ -51,7 +51,7 @@ pub fn svg(figure: &Figure) -> Result<String, StudyError> {
 /// # Errors
 /// [`StudyError::Plot`] where it cannot be drawn.
 pub fn png(figure: &Figure) -> Result<Array3<u8>, StudyError> {
-    use_font();
+    use_drawing_font();
     let (width, height) = size_of(figure);
     let (width, height) = (width * PNG_SCALE, height * PNG_SCALE);
     let mut pixels = vec![0_u8; 3 * (width * height) as usize];
@@ -131,7 +131,7 @@ impl Painter<'_> {
     }
 
     fn font(&self, size: u32) -> TextStyle<'static> {
-        (FONT, size * self.scale).into_font().color(&TEXT)
+        (DRAWING_FONT, size * self.scale).into_font().color(&TEXT)
     }
 
     fn colour(&self, name: &str) -> RGBColor {
