@@ -22,7 +22,7 @@ const PRNU_RANGE: std::ops::RangeInclusive<f64> = 0.1..=0.9;
 const MOST_FLICKER: f64 = 0.05;
 /// Most pixels that are listed one by one.
 const MOST_LISTED: usize = 1000;
-/// Side of the blocks that tell shading from pixels.
+/// Side of the blocks whose means are shading.
 const SHADING_PX: usize = 8;
 
 /// One step of a calibration.
@@ -110,9 +110,9 @@ pub struct CameraCalibration {
 /// Maps of the pixels of a camera, shape (rows, cols).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraMaps {
-    /// Dark signal of each pixel, DN, where the frames tell it from noise.
+    /// Dark signal of each pixel, DN; `None` where its differences lie below the noise of the mean frame.
     pub dark_signal_dn: Option<Array2<f32>>,
-    /// Response of each pixel over the mean response, where the frames tell it from noise.
+    /// Response of each pixel over the mean response; `None` where its differences lie below the noise of the mean frame.
     pub response: Option<Array2<f32>>,
     /// 0 for a good pixel, 1 for a hot and 2 for a dim one.
     pub mask: Array2<f32>,
@@ -217,7 +217,7 @@ pub fn calibrate(
 /// Dark frames of all exposures.
 struct DarkFrames {
     steps: Vec<Step>,
-    /// The group of most frames, whose mean tells hot pixels best.
+    /// The group of most frames, whose mean shows hot pixels best.
     map: FrameStack,
     outliers: Outliers,
     /// Pixels that do not stand out.
@@ -269,9 +269,9 @@ struct PixelDifferences {
     prnu_percent: Option<f64>,
     hot: Vec<usize>,
     dim: Vec<usize>,
-    /// Dark signal of each pixel, DN, where the frames tell it from noise.
+    /// Dark signal of each pixel, DN; `None` where its differences lie below the noise of the mean frame.
     dark: Option<Vec<f64>>,
-    /// Response of each pixel, where the frames tell it from noise.
+    /// Response of each pixel; `None` as for the dark signal.
     response: Option<Vec<f64>>,
 }
 

@@ -144,7 +144,7 @@ pub struct ChosenFrames {
     pub white: Option<u16>,
     /// How the file was interpreted.
     pub summary: ImageSummary,
-    /// The colour that was taken, in words; `None` for grey frames.
+    /// Name of the colour that was taken; `None` for grey frames.
     pub colour: Option<String>,
 }
 

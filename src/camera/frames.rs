@@ -41,7 +41,7 @@ pub(super) struct FrameReader<'a> {
     series: &'a FrameSeries,
     colour: ColourChoice,
     format: Option<Format>,
-    /// The colour that was taken, in words.
+    /// Name of the colour that was taken.
     pub(super) colour_text: Option<String>,
     /// All values so far.
     values: GreyValues,

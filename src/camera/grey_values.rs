@@ -1,4 +1,4 @@
-//! Grey values of many pixels: their range, their smallest distance, and what piles up at the top.
+//! Grey values of many pixels: range, smallest distance, saturation and wrapped values.
 
 use std::fmt;
 
@@ -8,12 +8,12 @@ use ndarray::{ArrayView, Dimension};
 const MOST_WHOLE: f32 = 16_777_216.0;
 /// Number of levels of the histogram, those of 16 bits.
 const LEVELS: usize = 1 << 16;
-/// Pixels at the largest value, and share of all, from which on they are saturated.
+/// Least number of pixels at the largest value, and least share of all, that are saturated.
 const SATURATED_PIXELS: u64 = 16;
 const SATURATED_SHARE: f64 = 1e-4;
-/// How many times more pixels have the largest value than any of the values before it, where it is a limit.
+/// Least ratio of the pixels at a limit to those at any of the values below it.
 const PILE: u64 = 3;
-/// Number of values before the largest that it is compared with.
+/// Number of values below the largest that it is compared with.
 const BEFORE: usize = 8;
 /// Share of the type's range above which a value may be a negative one that wrapped, and below which the median then lies.
 const WRAPPED_ABOVE: f64 = 0.9;
@@ -148,7 +148,7 @@ impl GreyValues {
 }
 
 impl fmt::Display for GreyValues {
-    /// Share of saturated pixels and distance of the values, for the line that shows what was understood.
+    /// Share of saturated pixels and distance of the values, for the report on the images.
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.saturated() {
             Some(Saturated { share, value }) => write!(formatter, "{:.2} % saturated at {value}", 100.0 * share)?,

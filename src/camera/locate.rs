@@ -9,7 +9,7 @@ use super::series::FrameSeries;
 use crate::formats::ImageFile;
 
 impl FrameSeries {
-    /// Finds the frames of a folder or of a descriptor file of EMVA 1288, without reading them.
+    /// Finds the frames of a folder or of a descriptor file of EMVA 1288. In a folder, files are read only to count their frames.
     ///
     /// In a folder each sub-folder is a group; without sub-folders, files whose names begin alike are. Groups whose name holds
     /// "dark", "bias" or "black" are dark. A time such as `10ms` in the name of a group is its exposure.

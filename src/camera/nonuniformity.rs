@@ -88,7 +88,8 @@ fn median(values: &mut [f64]) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Variance of a map, and of what remains of it after the mean of blocks of `side` pixels is taken away.
+/// Whether more than half of the fixed variance of a map is smooth shading, which the means of blocks of `side` pixels hold. `temporal` is
+/// the temporal variance that is left in the map.
 pub(super) fn is_shaded(map: &[f64], (rows, cols): (usize, usize), side: usize, temporal: f64) -> bool {
     let across = cols.div_ceil(side);
     let mut blocks = vec![[0.0; 3]; rows.div_ceil(side) * across];
@@ -102,7 +103,6 @@ pub(super) fn is_shaded(map: &[f64], (rows, cols): (usize, usize), side: usize, 
     let mean = map.iter().sum::<f64>() / pixels;
     let total = map.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / pixels;
     let within = blocks.iter().map(|[n, sum, squares]| squares - sum * sum / n.max(1.0)).sum::<f64>() / pixels;
-    // More than half of the fixed variance is smooth.
     total - temporal > 0.0 && within - temporal < 0.5 * (total - temporal)
 }
 
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn smooth_shading_is_told_from_pixels() {
+    fn smooth_shading_is_distinguished_from_pixels() {
         let shape = (64, 64);
         let smooth: Vec<f64> = (0..4096).map(|pixel| f64::from(pixel / 64)).collect();
         let rough: Vec<f64> = (0..4096).map(|pixel| f64::from((pixel * 7919) % 101)).collect();

@@ -67,7 +67,7 @@ pub struct FrameSeries {
 }
 
 impl FrameSeries {
-    /// The groups in words, a line each, before any frame is read.
+    /// Summary of the groups, a line each.
     pub fn lines(&self) -> Vec<String> {
         let mut lines =
             vec![format!("{}: {} by {}", self.path.display(), counted(self.groups.len(), "group"), self.grouping)];

@@ -147,7 +147,7 @@ impl MeasuredOptions {
         Ok(sum.mapv(|sum| (sum / count as f64) as f32))
     }
 
-    /// The calibration in words.
+    /// Summary of the calibration.
     fn describe(&self, pixels: &PixelCalibration) -> String {
         let constants = pixels.constants;
         if self.camera.is_none() && self.dark.is_none() && self.flat.is_none() {

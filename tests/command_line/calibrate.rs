@@ -51,11 +51,11 @@ fn cameras_are_calibrated_from_folder_and_descriptor() {
     assert_eq!((&folder["files"], &folder["quantum_efficiency"]), (&json!([]), &json!(null)));
 
     let output = bench.run("calibrate frames --descriptor again.txt".split(' '));
-    let (told, said) = (text(&output.stdout), text(&output.stderr));
+    let (printed, report) = (text(&output.stdout), text(&output.stderr));
     for part in ["system gain", "DN/e-", "inverse gain", "95 % intervals", "linearity error            unknown"] {
-        assert!(told.contains(part), "{part} in {told}");
+        assert!(printed.contains(part), "{part} in {printed}");
     }
-    assert!(said.contains("frames: 13 groups by file names") && said.contains("dark  dark: 1 file"), "{said}");
+    assert!(report.contains("frames: 13 groups by file names") && report.contains("dark  dark: 1 file"), "{report}");
     let again = bench.json("calibrate again.txt");
     assert_eq!(again["system_gain_dn_per_electron"], found["system_gain_dn_per_electron"]);
 }
@@ -79,7 +79,7 @@ fn what_cannot_be_calibrated_is_refused_and_nothing_is_written() {
         ("calibrate frames --channel luma", "expected red, green, blue"),
         ("calibrate frames --bayer RGB", "expected RGGB"),
     ] {
-        let told = bench.refused(line);
-        assert!(told.contains(part), "{line}: {part:?} in {told}");
+        let sentence = bench.refused(line);
+        assert!(sentence.contains(part), "{line}: {part:?} in {sentence}");
     }
 }

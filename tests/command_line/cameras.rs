@@ -62,7 +62,7 @@ fn notes(found: &Value) -> Vec<String> {
     found["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap().to_owned()).collect()
 }
 
-fn is_told(found: &Value, part: &str) -> bool {
+fn has_note(found: &Value, part: &str) -> bool {
     notes(found).iter().any(|note| note.contains(part))
 }
 
@@ -74,16 +74,16 @@ fn a_wrong_offset_is_called_an_error_once() {
         bench.json(&format!("{LINE} --measurements flat.npy --gain {gain} --offset {offset}"))
     };
     let right = of("2", "100");
-    assert!(bits(&right).abs() < 0.02 && !is_told(&right, "error"), "{right}");
-    assert!(is_told(&right, "(0.5 photons per DN)"), "{right}");
+    assert!(bits(&right).abs() < 0.02 && !has_note(&right, "error"), "{right}");
+    assert!(has_note(&right, "(0.5 photons per DN)"), "{right}");
     assert!((bits(&of("0.5", "100")) - 1.0).abs() < 0.03 && (bits(&of("1", "100")) - 0.5).abs() < 0.03);
     let wrong = of("2", "0");
     assert!((bits(&wrong) + 0.29).abs() < 0.02, "{wrong}");
-    let told = notes(&wrong);
-    assert!(told[0].starts_with("error: ") && told[0].contains("check the offset: it is 0"), "{told:?}");
-    let offset: f64 = told[0].split("offset of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-    assert!((offset - 100.0).abs() < 5.0, "{told:?}");
-    assert!(!is_told(&wrong, "within the error") && told.iter().filter(|note| note.contains("vary")).count() == 1);
+    let all = notes(&wrong);
+    assert!(all[0].starts_with("error: ") && all[0].contains("check the offset: it is 0"), "{all:?}");
+    let offset: f64 = all[0].split("offset of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((offset - 100.0).abs() < 5.0, "{all:?}");
+    assert!(!has_note(&wrong, "within the error") && all.iter().filter(|note| note.contains("vary")).count() == 1);
 }
 
 #[test]
@@ -94,22 +94,22 @@ fn images_of_eight_bits_carry_no_more_than_eight() {
     bench.write("levels.npy", counts(SHAPE, &levels, 1));
     let found = bench.json(&format!("{LINE} --measurements levels.npy --noise read:0.01"));
     assert!(bits(&found) <= 8.0 && found["interval_95"][1].as_f64().unwrap() <= 8.0, "{found}");
-    assert!(is_told(&found, "finer than a grey level") && is_told(&found, "check the noise and the gain"), "{found}");
+    assert!(has_note(&found, "finer than a grey level") && has_note(&found, "check the noise and the gain"), "{found}");
     // Sums of four pixels have 1021 values.
     let binned = bench.json(&format!("{LINE} --measurements levels.npy --noise read:0.01 --bin 2"));
     assert!((bits(&binned) - 1021.0_f64.log2()).abs() < 1e-6, "{binned}");
 }
 
 #[test]
-fn bias_of_few_photons_is_told() {
+fn bias_of_few_photons_is_noted() {
     let bench = Bench::new();
     for (photons, bias) in [(1.0, 0.73), (10.0, 0.07)] {
         bench.write("dim.npy", counts(SHAPE, &flat(photons, 1.0, 0.0), 2));
         let found = bench.json(&format!("{LINE} --measurements dim.npy"));
         assert!((bits(&found) - bias).abs() < 0.03, "{found}");
         let note = notes(&found).into_iter().find(|note| note.contains("at this light")).unwrap();
-        let told: f64 = note.split("about ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
-        assert!((told - bits(&found)).abs() < 0.03, "{note}");
+        let noted: f64 = note.split("about ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((noted - bits(&found)).abs() < 0.03, "{note}");
     }
     let paper = bench.json(&format!("{LINE} --measurements dim.npy --protocol paper"));
     assert!(bits(&paper).is_finite(), "{paper}");
@@ -118,7 +118,7 @@ fn bias_of_few_photons_is_told() {
 }
 
 #[test]
-fn fixed_pattern_is_told_and_dark_images_take_it_away() {
+fn fixed_pattern_is_noted_and_dark_images_take_it_away() {
     let bench = Bench::new();
     let mut random = Random(5);
     let pattern: Vec<f64> = (0..SIDE * SIDE).map(|_| 25.0 * random.normal()).collect();
@@ -131,19 +131,19 @@ fn fixed_pattern_is_told_and_dark_images_take_it_away() {
     bench.write("dark/frames.npy", counts(SHAPE, &image(0.0, &mut random), 2));
     let line = format!("{LINE} --measurements pattern.npy --gain 2");
     let with = bench.json(&format!("{line} --offset 300"));
-    assert!(bits(&with) > 0.3 && is_told(&with, "of the variance is the same in all images"), "{with}");
+    assert!(bits(&with) > 0.3 && has_note(&with, "of the variance is the same in all images"), "{with}");
     let without = bench.json(&format!("{line} --dark dark"));
-    assert!(bits(&without).abs() < 0.03 && !is_told(&without, "same in all images"), "{without}");
-    assert!(is_told(&without, "the mean of dark"), "{without}");
+    assert!(bits(&without).abs() < 0.03 && !has_note(&without, "same in all images"), "{without}");
+    assert!(has_note(&without, "the mean of dark"), "{without}");
     bench.write("small.npy", counts("(2, 3, 4)", &[1.0; 24], 2));
     let refused = bench.refused(&format!("{line} --dark small.npy"));
     assert!(refused.contains("expected images of 3 x 4 px"), "{refused}");
     let flat = bench.json(&format!("{line} --dark dark --flat pattern.npy"));
-    assert!(is_told(&flat, "over the response by pattern.npy"), "{flat}");
+    assert!(has_note(&flat, "over the response by pattern.npy"), "{flat}");
 }
 
 #[test]
-fn saturated_and_wrapped_pixels_are_told_first() {
+fn saturated_and_wrapped_pixels_are_noted_first() {
     let bench = Bench::new();
     let saturated: Vec<f32> = flat(250.0, 1.0, 0.0).into_iter().map(|value| value.min(255.0)).collect();
     let share = 100.0 * saturated.iter().filter(|value| **value == 255.0).count() as f64 / saturated.len() as f64;
@@ -154,7 +154,7 @@ fn saturated_and_wrapped_pixels_are_told_first() {
     assert!(notes(&found)[0].starts_with(&expected), "{found}");
     // The preview precedes the estimate.
     let preview = format!("{share:.2} % saturated at 255, grey values in steps of 1");
-    assert!(text(&output.stderr).contains(&preview) && is_told(&found, &preview), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains(&preview) && has_note(&found, &preview), "{}", text(&output.stderr));
 
     let mut random = Random(9);
     let wrapped: Vec<f32> = pixels()
@@ -162,15 +162,15 @@ fn saturated_and_wrapped_pixels_are_told_first() {
         .collect();
     bench.write("wrapped.npy", counts(SHAPE, &wrapped, 2));
     let found = bench.json(&format!("{LINE} --measurements wrapped.npy"));
-    assert!(is_told(&found, "wrapped around zero") && is_told(&found, "while the median is"), "{found}");
+    assert!(has_note(&found, "wrapped around zero") && has_note(&found, "while the median is"), "{found}");
     let shifted: Vec<f32> = flat(100.0, 16.0, 160.0);
     bench.write("shifted.npy", counts(SHAPE, &shifted, 2));
     let found = bench.json(&format!("{LINE} --measurements shifted.npy --gain 16 --offset 160"));
-    assert!(is_told(&found, "all grey values are 16 apart") && bits(&found).abs() < 0.03, "{found}");
+    assert!(has_note(&found, "all grey values are 16 apart") && bits(&found).abs() < 0.03, "{found}");
 }
 
 #[test]
-fn colour_takes_one_channel_or_plane_and_says_so() {
+fn colour_takes_one_channel_or_plane_with_a_note() {
     let bench = Bench::new();
     let mut random = Random(11);
     // Red has 40, green 90, blue 60 photons; columns differ.
@@ -190,16 +190,16 @@ fn colour_takes_one_channel_or_plane_and_says_so() {
     bench.write("plain.npy", npy("(12, 32, 32)", &channel(1)));
     let green = bench.json(&format!("{LINE} --measurements plain.npy"));
     assert_eq!(found["bits_per_pixel"], green["bits_per_pixel"]);
-    assert!(is_told(&found, "taken: the green channel of colour images"), "{found}");
+    assert!(has_note(&found, "taken: the green channel of colour images"), "{found}");
     // A mosaic whose greens are 30 photons each: their sum is a count of 60.
     let mosaic: Vec<f32> = (0..12 * 32 * 32)
         .map(|pixel| if (pixel / 32 + pixel) % 2 == 1 { random.poisson(30.0) } else { 5.0 } as f32)
         .collect();
     bench.write("mosaic.npy", npy("(12, 32, 32)", &mosaic));
     let both = bench.json(&format!("{LINE} --measurements mosaic.npy --bayer RGGB"));
-    assert!(bits(&both).abs() < 0.05 && is_told(&both, "both greens, summed"), "{both}");
+    assert!(bits(&both).abs() < 0.05 && has_note(&both, "both greens, summed"), "{both}");
     let one = bench.json(&format!("{LINE} --measurements mosaic.npy --channel g1"));
-    assert!(bits(&one).abs() < 0.08 && is_told(&one, "the G1 pixels of raw RGGB mosaics"), "{one}");
+    assert!(bits(&one).abs() < 0.08 && has_note(&one, "the G1 pixels of raw RGGB mosaics"), "{one}");
     assert!(bench.refused("estimate --channel red").contains("are for --measurements"));
 }
 
@@ -222,7 +222,7 @@ fn views_and_equal_light_are_as_stated() {
     assert_eq!(found["objects_fingerprint"], expected["objects_fingerprint"]);
     let turned = bench.json(&format!("{LINE} --measurements a.npy --crop 32x32+4+8 --rotate 90 --mirror"));
     assert!(turned["objects_fingerprint"] != found["objects_fingerprint"], "{turned}");
-    assert!(is_told(&turned, "crop 32x32+4+8, turned by 90 degrees, mirrored"), "{turned}");
+    assert!(has_note(&turned, "crop 32x32+4+8, turned by 90 degrees, mirrored"), "{turned}");
     let expected: Vec<f32> = cut
         .chunks(32 * 32)
         .flat_map(|image| (0..32 * 32).map(move |pixel| image[(31 - pixel % 32) * 32 + 31 - pixel / 32]))
@@ -233,8 +233,8 @@ fn views_and_equal_light_are_as_stated() {
 
     let equal = bench.json(&format!("{LINE} --measurements a.npy --equal-light"));
     assert!(bits(&equal) > bits(&found) && equal["bias"] == 10.0, "{equal}");
-    assert!(is_told(&equal, "mean of 500 photons per pixel, 10 are added"), "{equal}");
-    assert!(!is_told(&equal, "in place of clean images"), "{equal}");
+    assert!(has_note(&equal, "mean of 500 photons per pixel, 10 are added"), "{equal}");
+    assert!(!has_note(&equal, "in place of clean images"), "{equal}");
     // The light of the camera does not count, nor do its units.
     let scaled: Vec<f32> = values.iter().map(|value| value / 16.0).collect();
     bench.write("scaled.npy", npy("(12, 40, 48)", &scaled));
@@ -252,8 +252,8 @@ fn views_and_equal_light_are_as_stated() {
         ("--camera none.json", "none.json: expected a file, found nothing"),
         ("--camera none.json --gain 2", "cannot be used with"),
     ] {
-        let told = bench.refused(&format!("{LINE} --measurements a.npy {flags}"));
-        assert!(told.contains(part), "{flags}: {told}");
+        let sentence = bench.refused(&format!("{LINE} --measurements a.npy {flags}"));
+        assert!(sentence.contains(part), "{flags}: {sentence}");
     }
 }
 
@@ -287,7 +287,7 @@ fn camera_files_calibrate_images() {
     for part in
         ["electrons are (grey level - the dark map of the camera) / 1.", "electrons per DN", "1 pixel has the value"]
     {
-        assert!(is_told(&found, part), "{part} in {found}");
+        assert!(has_note(&found, part), "{part} in {found}");
     }
     let other = bench.refused(&format!("{LINE} --measurements flat.npy --camera camera.json --gain 3"));
     assert!(other.contains("cannot be used with"), "{other}");
@@ -320,9 +320,9 @@ fn systems_are_compared_on_equal_patches() {
     let own = found["systems"][0]["interval_95"].as_array().unwrap();
     let width = own[1].as_f64().unwrap() - own[0].as_f64().unwrap();
     assert!(high - low < 2.0 * width, "{found}");
-    assert!(is_told(&found["systems"][0], "all 12 images were tested in 4 parts"), "{found}");
-    let told = bench.done(&line);
-    assert!(told.contains("lens less diffuser: ") && told.contains("simultaneous frames"), "{told}");
+    assert!(has_note(&found["systems"][0], "all 12 images were tested in 4 parts"), "{found}");
+    let printed = bench.done(&line);
+    assert!(printed.contains("lens less diffuser: ") && printed.contains("simultaneous frames"), "{printed}");
     std::fs::rename(bench.path("diffuser/im0.npy"), bench.path("diffuser/other.npy")).unwrap();
     let unpaired = bench.json(&line);
     assert_eq!(unpaired["differences"][0]["is_paired"], false);
