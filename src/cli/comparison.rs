@@ -71,11 +71,9 @@ fn finished(number: usize, cells: usize, cell: &StudyCell) -> String {
     let name = cell.name();
     let result = match (&cell.estimate, &cell.failure) {
         (Some(estimate), _) => {
-            let lower = cell.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
             let published =
                 cell.published.map_or(String::new(), |known| format!(", published {:.4}", known.bits_per_pixel));
-            let (relation, bits) = (estimate.relation(), estimate.bits_per_pixel);
-            format!("{lower}{relation} {bits:.4} bits per pixel{published}, {:.1} s", estimate.seconds)
+            format!("{}{published}, {:.1} s", estimate.bounds(), estimate.seconds)
         }
         (None, Some(failure)) => format!("failed: {failure}"),
         (None, None) => "failed".to_owned(),

@@ -5,17 +5,17 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 
-use super::choices::check_folder;
+use super::choices::{check_count, check_folder};
 use super::failure::Failure;
 use super::output;
 use super::study_decoders::DecodersArgs;
-use super::study_plan::PlanArgs;
-use super::study_run::{RunArgs, write_results};
+use super::study_plan::{Changes, PlanArgs};
+use super::study_run::{RunArgs, write_table};
 use crate::evaluation::format_duration;
 use crate::formats::write_safely;
 use crate::plural::counted;
 use crate::studies::plans::{
-    BatchScript, CellState, NamedPlan, Shard, StudyFolder, figure_of, markdown, named_plans, shards_of_script,
+    BatchScript, CellState, NamedPlan, Shard, StudyFolder, StudyTable, figure_of, named_plans, shards_of_script,
     write_figure,
 };
 
@@ -58,8 +58,11 @@ enum Kind {
 
 #[derive(Args, Debug)]
 struct ShowArgs {
+    /// Name of a plan, its TOML file, or the folder of a study [default: a list of the named plans].
+    plan: Option<PathBuf>,
+
     #[command(flatten)]
-    plan: PlanArgs<false>,
+    changes: Changes,
 }
 
 #[derive(Args, Debug)]
@@ -91,7 +94,7 @@ struct MissingArgs {
 #[derive(Args, Debug)]
 struct SbatchArgs {
     #[command(flatten)]
-    plan: PlanArgs<true>,
+    plan: PlanArgs,
 
     /// Folder of the study, which all tasks share.
     #[arg(long, value_name = "DIR")]
@@ -141,8 +144,8 @@ fn former(name: &str) -> Failure {
 
 impl ShowArgs {
     fn run(self) -> Result<(), Failure> {
-        if let Some(plan) = self.plan.plan()? {
-            return output::print(&plan.to_toml()?);
+        if let Some(named) = &self.plan {
+            return output::print(&self.changes.applied_to(named)?.to_toml()?);
         }
         let line = |named: &NamedPlan| {
             let cells = named.plan.axes.size().unwrap_or_default();
@@ -156,8 +159,9 @@ impl FolderArgs {
     fn run(self) -> Result<(), Failure> {
         let folder = StudyFolder::open(&self.folder)?;
         let states = folder.states()?;
-        write_results(&folder, &states)?;
-        output::print(&markdown(&folder, &states))
+        let table = StudyTable::new(&folder, &states);
+        write_table(&table, &self.folder)?;
+        output::print(&table.markdown())
     }
 }
 
@@ -218,9 +222,9 @@ impl MissingArgs {
 impl SbatchArgs {
     fn run(self) -> Result<(), Failure> {
         let tasks = self.shards;
-        super::choices::check_count("--shards", tasks, 1..=MOST_TASKS)?;
-        super::choices::check_count("--cpus", self.cpus, 1..=1024)?;
-        let Some(plan) = self.plan.plan()? else { return Err(anyhow::anyhow!("expected a plan, found none").into()) };
+        check_count("--shards", tasks, 1..=MOST_TASKS)?;
+        check_count("--cpus", self.cpus, 1..=1024)?;
+        let plan = self.plan.plan()?;
         check_folder(&self.out)?;
         let folder = StudyFolder::begin(plan, &self.out)?;
         let ranks = folder.ranks();

@@ -11,14 +11,13 @@ use super::choices::{BudgetChoice, EstimatorChoice};
 use crate::information::Protocol;
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, PatchSize};
-use crate::studies::plans::{NamedPlan, Plan, StudyMask, named_plans};
+use crate::studies::plans::{NamedPlan, Plan, StudyFolder, StudyMask, named_plans};
 
-/// A plan by name or file, and what replaces its entries. `REQUIRED` says whether there must be one.
+/// A plan by name or file, and what replaces its entries.
 #[derive(Args, Debug)]
-pub(super) struct PlanArgs<const REQUIRED: bool> {
+pub(super) struct PlanArgs {
     /// Name of a plan, its TOML file, or the folder of a study.
-    #[arg(required = REQUIRED)]
-    plan: Option<PathBuf>,
+    plan: PathBuf,
 
     #[command(flatten)]
     changes: Changes,
@@ -26,7 +25,7 @@ pub(super) struct PlanArgs<const REQUIRED: bool> {
 
 /// Replacements of a plan's entries.
 #[derive(Args, Debug)]
-struct Changes {
+pub(super) struct Changes {
     /// A first look: every second value of long axes, and seconds for each cell.
     #[arg(long)]
     quick: bool,
@@ -117,17 +116,10 @@ fn mask_argument() -> impl TypedValueParser<Value = StudyMask> {
     OsStringValueParser::new().try_map(|text| StudyMask::from_os(&text))
 }
 
-impl<const REQUIRED: bool> PlanArgs<REQUIRED> {
-    /// The plan with its changes; none where none was named.
-    pub fn plan(&self) -> anyhow::Result<Option<Plan>> {
-        let Some(named) = &self.plan else { return Ok(None) };
-        let plan = self.changes.applied(read(named)?).absolute();
-        let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some());
-        if !is_timed && (self.changes.budget.is_some() || self.changes.steps.is_some()) {
-            bail!("--budget and --steps are for fits; leave it out for --estimator gaussian");
-        }
-        plan.cells()?;
-        Ok(Some(plan))
+impl PlanArgs {
+    /// The plan with its changes.
+    pub fn plan(&self) -> anyhow::Result<Plan> {
+        self.changes.applied_to(&self.plan)
     }
 }
 
@@ -136,12 +128,14 @@ fn read(named: &Path) -> anyhow::Result<Plan> {
     if let Some(found) = named.to_str().and_then(NamedPlan::find) {
         return Ok(found.plan);
     }
-    let file = if named.is_dir() { named.join("plan.toml") } else { named.to_path_buf() };
-    if !file.exists() {
+    if StudyFolder::is_at(named) {
+        return Ok(StudyFolder::read_plan(named)?);
+    }
+    if !named.is_file() {
         let names: Vec<String> = named_plans().into_iter().map(|named| named.plan.name).collect();
         bail!("plan {}: expected a TOML file, the folder of a study, or one of {}", named.display(), names.join(", "));
     }
-    Ok(Plan::open(&file)?)
+    Ok(Plan::open(named)?)
 }
 
 /// The given values, or those of the plan where none were given.
@@ -150,6 +144,16 @@ fn or<T: Clone>(given: &[T], planned: Vec<T>) -> Vec<T> {
 }
 
 impl Changes {
+    /// The plan of a name, a file or a folder, with these changes and absolute paths.
+    pub fn applied_to(&self, named: &Path) -> anyhow::Result<Plan> {
+        let plan = self.applied(read(named)?).absolute();
+        let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some());
+        if !is_timed && (self.budget.is_some() || self.steps.is_some()) {
+            bail!("--budget and --steps are for fits; leave them out for --estimator gaussian");
+        }
+        Ok(plan)
+    }
+
     fn applied(&self, plan: Plan) -> Plan {
         let mut plan = if self.protocol == Some(ProtocolChoice::Paper) { plan.by_paper_protocol() } else { plan };
         if self.quick {

@@ -1,7 +1,7 @@
 //! `study run`: the cells of a plan, with progress, until they are done or a signal asks to stop.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -19,15 +19,15 @@ use crate::formats::{write_csv_text, write_safely};
 use crate::plural::counted;
 use crate::studies::StudyError;
 use crate::studies::plans::{
-    CSV_HEADER, CellRecord, CellState, Plan, PlanEvent, Shard, StudyFolder, csv_rows, figure_of, markdown, run_cells,
-    write_figure,
+    CSV_HEADER, CellRecord, CellSettings, CellState, Plan, PlanEvent, RunSummary, Shard, StudyFolder, StudyTable,
+    figure_of, run_cells, write_figure,
 };
 
 /// Arguments of `study run`.
 #[derive(Args, Debug)]
 pub(super) struct RunArgs {
     #[command(flatten)]
-    plan: PlanArgs<true>,
+    plan: PlanArgs,
 
     /// Folder of the study. An unfinished study in it is resumed.
     #[arg(long, value_name = "DIR", required_unless_present = "dry_run")]
@@ -58,7 +58,7 @@ struct Results<'a> {
 impl RunArgs {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
-        let Some(plan) = self.plan.plan()? else { return Err(anyhow::anyhow!("expected a plan, found none").into()) };
+        let plan = self.plan.plan()?;
         let of_slurm = || Shard::of_slurm(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg);
         let shard = match self.shard {
             Some(shard) => shard,
@@ -71,19 +71,20 @@ impl RunArgs {
         let folder = StudyFolder::begin(plan, out)?;
         let Some(summary) = run_with_bar(&folder, shard)? else {
             // The scheduler or a person asked to stop, and the state is kept.
-            output::report(format_args!("{}: stopped; the same command goes on", out.display()));
+            output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
             return Ok(());
         };
         let states = folder.states()?;
+        let table = StudyTable::new(&folder, &states);
         // Tasks of an array would write the same files at once; study table and study plot write them afterwards.
         if shard.count == 1 {
-            write_results(&folder, &states)?;
+            write_table(&table, out)?;
             let figure = figure_of(folder.plan(), folder.cells(), &states);
             for name in ["plot.svg", "plot.png"] {
                 write_figure(&figure, &out.join(name))?;
             }
         }
-        let printed = self.print(&folder, &states);
+        let printed = if self.json { print_json(&folder, &states) } else { output::print(&table.markdown()) };
         if summary.failed > 0 {
             return Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected an estimate in every cell, found {} of {} failed; run the same command to retry them",
@@ -94,48 +95,42 @@ impl RunArgs {
         }
         printed
     }
-
-    fn print(&self, folder: &StudyFolder, states: &[CellState]) -> Result<(), Failure> {
-        if self.json {
-            let cells: Vec<&CellRecord> = states.iter().filter_map(CellState::done).collect();
-            let failed = states.iter().filter(|state| state.failure().is_some()).count();
-            let waiting = states.len() - cells.len() - failed;
-            return output::print_json(&Results { plan: folder.plan(), cells, waiting, failed });
-        }
-        output::print(&markdown(folder, states))
-    }
 }
 
-/// Writes the tables of a study.
-pub(super) fn write_results(folder: &StudyFolder, states: &[CellState]) -> anyhow::Result<()> {
-    let text = markdown(folder, states);
-    write_safely(&folder.path().join("table.md"), |writer| writer.write_all(text.as_bytes()))?;
-    write_csv_text(&folder.path().join("table.csv"), &CSV_HEADER, csv_rows(folder, states).into_iter())?;
+/// Prints plan and results as JSON.
+fn print_json(folder: &StudyFolder, states: &[CellState]) -> Result<(), Failure> {
+    let cells: Vec<&CellRecord> = states.iter().filter_map(CellState::done).collect();
+    let failed = states.iter().filter(|state| state.failure().is_some()).count();
+    let waiting = states.len() - cells.len() - failed;
+    output::print_json(&Results { plan: folder.plan(), cells, waiting, failed })
+}
+
+/// Writes the table of a study into its folder, for people and for programs.
+pub(super) fn write_table(table: &StudyTable<'_>, folder: &Path) -> anyhow::Result<()> {
+    let text = table.markdown();
+    write_safely(&folder.join("table.md"), |writer| writer.write_all(text.as_bytes()))?;
+    write_csv_text(&folder.join("table.csv"), &CSV_HEADER, table.csv_rows().into_iter())?;
     Ok(())
 }
 
 /// The cells of a share and their time, for people.
 fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
     let cells = plan.cells()?;
-    let mut ids: Vec<String> = cells.iter().map(crate::studies::plans::CellSettings::id).collect();
-    let names: Vec<String> = cells.iter().zip(&ids).map(|(cell, id)| format!("{id}  {}", cell.name())).collect();
-    let own = {
-        let all = ids.clone();
-        ids.sort();
-        all.into_iter().map(|id| ids.binary_search(&id).is_ok_and(|rank| shard.holds(rank))).collect::<Vec<_>>()
-    };
-    let time: Duration = cells.iter().zip(&own).filter(|(_, own)| **own).map(|(cell, _)| plan.time_of(cell)).sum();
-    let mut lines: Vec<String> = names.into_iter().zip(&own).filter(|(_, own)| **own).map(|(name, _)| name).collect();
+    let ids: Vec<String> = cells.iter().map(CellSettings::id).collect();
+    let ranks = Shard::ranks(&ids);
+    let own: Vec<usize> = (0..cells.len()).filter(|&index| shard.holds(ranks[index])).collect();
+    let time: Duration = own.iter().map(|&index| plan.time_of(&cells[index])).sum();
+    let mut lines: Vec<String> = own.iter().map(|&index| format!("{}  {}", ids[index], cells[index].name())).collect();
     lines.push(format!(
         "{}, about {} on one machine; optimizer runs come on top",
-        counted(lines.len(), "cell"),
+        counted(own.len(), "cell"),
         format_duration(time)
     ));
     Ok(lines.join("\n"))
 }
 
 /// Computes the cells of a share, with a progress bar and a line for every cell on standard error; none where a signal stopped it.
-fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<crate::studies::plans::RunSummary>> {
+fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<RunSummary>> {
     let stop = stop_signals();
     let progress_line = ProgressLine::new();
     let mut is_announced = false;
@@ -177,15 +172,7 @@ fn stop_signals() -> Arc<AtomicBool> {
 
 fn finished(number: usize, cells: usize, record: &CellRecord) -> String {
     let result = match (&record.estimate, &record.failure) {
-        (Some(estimate), _) => {
-            let lower = record.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
-            format!(
-                "{lower}{} {:.4} bits per pixel, {:.1} s",
-                estimate.relation(),
-                estimate.bits_per_pixel,
-                record.seconds
-            )
-        }
+        (Some(estimate), _) => format!("{}, {:.1} s", estimate.bounds(), record.seconds),
         (None, failure) => format!("failed: {}", failure.as_deref().unwrap_or("no reason is known")),
     };
     format!("Cell {number} of {cells}: {}: {result}", record.settings.name())

@@ -5,6 +5,7 @@ mod decoders;
 mod drawing;
 mod error;
 mod machine;
+mod markdown;
 pub mod plans;
 mod published;
 mod rank;

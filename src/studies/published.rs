@@ -35,6 +35,13 @@ pub enum PublishedSet {
     Fashion,
 }
 
+impl PublishedSet {
+    /// The set of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Cifar10, Self::Mnist, Self::Fashion].into_iter().find(|set| set.to_string() == name)
+    }
+}
+
 impl fmt::Display for PublishedSet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

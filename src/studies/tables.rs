@@ -1,8 +1,9 @@
 //! A study as tables: Markdown for people, CSV for other programs. Information is in bits per pixel.
 
-use crate::information::{BoundMethod, PairedDifference};
+use crate::information::BoundMethod;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
+use crate::studies::markdown::{NOTHING, bits, difference, header, lower, row, with_interval};
 use crate::studies::record::{StudyCell, StudyRecord};
 use crate::studies::settings::{StudySettings, patch_name};
 
@@ -40,9 +41,6 @@ pub(super) const CSV_HEADER: [&str; 31] = [
     "threads",
     "failure",
 ];
-
-/// Placeholder of an unknown value.
-const NOTHING: &str = "-";
 
 /// A cell under [`CSV_HEADER`]; numbers have the digits that read back to the same value.
 pub(super) fn csv_row(settings: &StudySettings, cell: &StudyCell) -> Vec<String> {
@@ -123,9 +121,8 @@ pub(super) fn markdown(record: &StudyRecord) -> String {
         ),
         String::new(),
     ];
-    lines.push(line(HEADER.iter().map(|&name| name.to_owned())));
-    lines.push(line(HEADER.iter().map(|_| "---".to_owned())));
-    lines.extend(record.cells.iter().map(|cell| line(row(cell).into_iter())));
+    lines.extend(header(HEADER.into_iter()));
+    lines.extend(record.cells.iter().map(|cell| row(columns(cell).into_iter())));
     lines.push(String::new());
     lines.extend(record.summary.lines().iter().map(|text| format!("- {text}")));
     let failures = record.cells.iter().filter_map(|cell| Some((cell.name(), cell.failure.as_ref()?)));
@@ -158,20 +155,20 @@ const HEADER: [&str; 12] = [
     "seconds",
 ];
 
-fn row(cell: &StudyCell) -> Vec<String> {
-    let difference = cell.bits_per_pixel().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
+fn columns(cell: &StudyCell) -> Vec<String> {
+    let above_published = cell.bits_per_pixel().zip(cell.published).map(|(bits, known)| bits - known.bits_per_pixel);
     vec![
         cell.objects.clone(),
         cell.design.clone(),
         patch_name(cell.patch),
         estimate(cell),
         upper_from(cell),
-        lower(cell),
+        lower(cell.estimate.as_ref()),
         density(cell),
-        cell.difference_to_reference.map_or(NOTHING.into(), signed),
+        difference(cell.difference_to_reference),
         bits(cell.ceiling()),
         published(cell),
-        difference.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
+        above_published.map_or(NOTHING.into(), |bits| format!("{bits:+.4}")),
         seconds(cell),
     ]
 }
@@ -195,41 +192,10 @@ fn density(cell: &StudyCell) -> String {
     if above { format!("{bound}, above the entropy bound") } else { bound }
 }
 
-fn lower(cell: &StudyCell) -> String {
-    let bracket = cell.estimate.as_ref().and_then(|estimate| estimate.bracket.as_ref());
-    match bracket.and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95))) {
-        Some((bits, interval)) => with_interval(bits, interval),
-        None => NOTHING.into(),
-    }
-}
-
 fn published(cell: &StudyCell) -> String {
     cell.published.map_or(NOTHING.into(), |known| with_interval(known.bits_per_pixel, known.interval_95))
 }
 
-fn with_interval(bits: f64, interval: Option<[f64; 2]>) -> String {
-    match interval {
-        // A bound without samples has no interval.
-        Some([low, high]) if low < high => format!("{bits:.4} ({low:.4} to {high:.4})"),
-        _ => format!("{bits:.4}"),
-    }
-}
-
-fn signed(difference: PairedDifference) -> String {
-    let PairedDifference { bits_per_pixel, interval_95: [low, high] } = difference;
-    format!("{bits_per_pixel:+.4} ({low:+.4} to {high:+.4})")
-}
-
-fn bits(value: Option<f64>) -> String {
-    value.map_or(NOTHING.into(), |bits| format!("{bits:.4}"))
-}
-
 fn seconds(cell: &StudyCell) -> String {
     cell.estimate.as_ref().map_or(NOTHING.into(), |estimate| format!("{:.1}", estimate.seconds))
-}
-
-/// A row of a Markdown table; a bar in a text would end its column.
-fn line(columns: impl Iterator<Item = String>) -> String {
-    let columns: Vec<String> = columns.map(|text| text.replace('|', "\\|").replace('\n', " ")).collect();
-    format!("| {} |", columns.join(" | "))
 }

@@ -158,7 +158,7 @@ fn tasks_of_a_job_array_share_a_folder() {
     assert_eq!(written(&bench, "shared/table.csv"), written(&bench, "whole/table.csv"));
 }
 
-/// A scheduler's signal ends a task with success, and the same command goes on.
+/// A scheduler's signal ends a task with success, and the same command resumes it.
 #[cfg(unix)]
 #[test]
 fn signals_of_a_scheduler_stop_a_task_between_checkpoints() {
@@ -173,7 +173,7 @@ fn signals_of_a_scheduler_stop_a_task_between_checkpoints() {
         let killed = bench.process("kill").args([&format!("-{signal}"), &child.id().to_string()]).status().unwrap();
         assert!(killed.success());
         let rest: Vec<String> = lines.map(Result::unwrap).collect();
-        assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("goes on")), "{rest:?}");
+        assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("resumes it")), "{rest:?}");
     }
     assert!(cell_files(&bench, "a").is_empty());
     assert!(bench.refused("study run grid --steps 100000001 --out a").contains("10000000"));

@@ -6,7 +6,7 @@ use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::Estimator;
 use lenslet_studio::sensor::PatchSize;
-use lenslet_studio::studies::plans::{Axes, EstimateSettings, Facet, Plan, PlotSettings, StudyMask};
+use lenslet_studio::studies::plans::{Axes, Axis, EstimateSettings, Facet, Plan, PlotSettings, StudyMask};
 use lenslet_studio::workbench::{StudyStatus, StudyView};
 
 use super::home::at_home;
@@ -21,7 +21,13 @@ fn write_plan(folder: &Path) -> PathBuf {
         estimator: vec![Estimator::GaussianStationary],
         ..Axes::new(mask, vec!["beads:0.008".into(), "beads:0.05".into()])
     };
-    let plot = PlotSettings { x: Facet::Density, lines: Facet::Mask, panels: None, logarithmic: true, optima: true };
+    let plot = PlotSettings {
+        x: Facet::Density,
+        lines: Facet::Axis(Axis::Mask),
+        panels: None,
+        logarithmic: true,
+        optima: true,
+    };
     let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
     let plan = Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) };
     let file = folder.join("small.toml");

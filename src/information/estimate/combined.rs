@@ -353,6 +353,12 @@ impl Estimate {
         }
     }
 
+    /// Both bounds on one line: "at least 0.1973, at most 0.2052 bits per pixel".
+    pub fn bounds(&self) -> String {
+        let lower = self.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
+        format!("{lower}{} {:.4} bits per pixel", self.relation(), self.bits_per_pixel)
+    }
+
     /// The estimator and, where it has several bounds, the one that the number comes from.
     pub fn upper_from(&self) -> String {
         match self.bracket.as_ref().filter(|_| !self.is_of_one_model()) {

@@ -3,9 +3,8 @@
 use super::record::{Correlation, DecoderStudyRecord, MaskRow};
 use crate::information::with_interval;
 use crate::plural::counted;
+use crate::studies::markdown::{NOTHING, header, row};
 
-/// Placeholder of an unknown value.
-const NOTHING: &str = "-";
 /// Columns of the CSV table.
 pub(super) const CSV_HEADER: [&str; 17] = [
     "objects",
@@ -91,12 +90,11 @@ pub(super) fn markdown(record: &DecoderStudyRecord) -> String {
     ];
     for (index, objects) in settings.objects.iter().enumerate() {
         lines.extend([String::new(), format!("## {}", objects.source), String::new()]);
-        let names = settings.decoders.iter().map(ToString::to_string);
-        let header = ["lenslets", "sensor", "published patch", "published PSNR"].map(str::to_owned);
-        let header: Vec<String> = header.into_iter().chain(names).collect();
-        lines.push(line(&header));
-        lines.push(line(&vec!["---".to_owned(); header.len()]));
-        lines.extend(record.rows(index).iter().map(|row| line(&columns(row))));
+        let decoders = settings.decoders.iter().map(ToString::to_string);
+        let names = ["lenslets", "sensor", "published patch", "published PSNR"].map(str::to_owned);
+        let names: Vec<String> = names.into_iter().chain(decoders).collect();
+        lines.extend(header(names.iter().map(String::as_str)));
+        lines.extend(record.rows(index).iter().map(|of_mask| row(columns(of_mask).into_iter())));
         let source = objects.source.to_string();
         lines.push(String::new());
         lines.extend(record.correlations.iter().filter(|found| found.objects == source).map(sentence));
@@ -133,8 +131,4 @@ fn sentence(correlation: &Correlation) -> String {
         value(correlation.pearson_published),
         counted(correlation.designs, "mask")
     )
-}
-
-fn line(cells: &[String]) -> String {
-    format!("| {} |", cells.join(" | "))
 }

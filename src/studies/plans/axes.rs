@@ -1,8 +1,8 @@
 //! The axes of a plan and their values.
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fmt;
-use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +12,7 @@ use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, PatchSize};
 use crate::studies::error::StudyError;
+use crate::studies::published::PublishedSet;
 
 /// Most cells of a plan.
 const MOST_CELLS: usize = 100_000;
@@ -261,7 +262,7 @@ impl Axes {
                 patch: self.patch[at(Axis::Patch)],
                 estimator: self.estimator[at(Axis::Estimator)],
                 seed: self.seed[at(Axis::Seed)],
-                published_as: super::published::set_named(&self.objects[at(Axis::Objects)]),
+                published_as: PublishedSet::named(&self.objects[at(Axis::Objects)]),
                 estimates: estimates.of(self.estimator[at(Axis::Estimator)]),
             });
             let Some(&next) = free.iter().rev().find(|&&axis| place[&axis] + 1 < self.len_of(axis)) else {
@@ -280,14 +281,14 @@ fn source_of(name: &str, sets: &BTreeMap<String, ObjectSource>) -> Result<Object
     if let Some(source) = sets.get(name) {
         return Ok(source.clone());
     }
-    if super::published::set_named(name).is_some() {
+    if PublishedSet::named(name).is_some() {
         return Err(StudyError::Plan {
             what: format!("objects {name}"),
             expected: format!("its file, such as --set {name}=idx:FILE"),
             found: "none".into(),
         });
     }
-    ObjectSource::from_os(Path::new(name).as_os_str()).map_err(|error| StudyError::Plan {
+    ObjectSource::from_os(OsStr::new(name)).map_err(|error| StudyError::Plan {
         what: format!("objects {name}"),
         expected: "a source of objects or a name of the plan's sets".into(),
         found: error.to_string(),

@@ -1,11 +1,18 @@
 //! The figure of a study: numbers and names of its plot, without any drawing.
 
+use std::collections::{HashMap, HashSet};
+
+use super::axes::Axis;
 use super::cell::{CellSettings, StudyMask};
 use super::facet::Facet;
 use super::folder::CellState;
-use super::plan::Plan;
+use super::plan::{Plan, PlotSettings};
+use crate::forward::MaskSource;
 use crate::information::Protocol;
 use crate::studies::published::{Published, published};
+
+/// Place of whole measurements on an axis of patches: the side of the published ones, px. Those of other fields lie there as well.
+const SENSOR_SIDE: f64 = 65.0;
 
 /// A figure: panels of lines that share their axes.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -87,8 +94,7 @@ impl Series {
 
 /// The published value of a cell, where there is one for exactly these settings.
 pub fn published_value(cell: &CellSettings) -> Option<Published> {
-    let StudyMask::Given(source) = &cell.mask else { return None };
-    let crate::forward::MaskSource::Heuristic(_) = source else { return None };
+    let StudyMask::Given(source @ MaskSource::Heuristic(_)) = &cell.mask else { return None };
     let encoder = source.mask(cell.seed, &cell.objects).ok()?.encoder;
     published(&cell.design(encoder), cell.published_as, cell.patch.shape())
 }
@@ -96,70 +102,81 @@ pub fn published_value(cell: &CellSettings) -> Option<Published> {
 /// The figure of the cells that are done.
 pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> Figure {
     let roles = &plan.plot;
-    let numbers: Vec<Option<f64>> = cells.iter().map(|cell| place_of(roles.x, cell)).collect();
-    let is_numeric = numbers.iter().all(Option::is_some);
-    let names = distinct(cells.iter().map(|cell| plan.value(roles.x, cell)));
-    let x_of = |index: usize| {
-        let by_name = || names.iter().position(|name| *name == plan.value(roles.x, &cells[index])).unwrap_or(0) as f64;
-        if is_numeric { numbers[index].unwrap_or_else(by_name) } else { by_name() }
-    };
+    let numbers: Option<Vec<f64>> = cells.iter().map(|cell| place_of(roles.x, cell)).collect();
+    let is_numeric = numbers.is_some();
+    let places = numbers.unwrap_or_else(|| numbered(cells.iter().map(|cell| plan.value(roles.x, cell))));
     let mut ticks: Vec<Tick> = Vec::new();
-    for (index, cell) in cells.iter().enumerate() {
-        let x = x_of(index);
+    let mut panels: Vec<Panel> = Vec::new();
+    let others = others(plan, cells);
+    for ((index, cell), &x) in cells.iter().enumerate().zip(&places) {
         if !ticks.iter().any(|tick| tick.x == x) {
             ticks.push(Tick { x, label: plan.value(roles.x, cell) });
         }
+        let title = roles.panels.map_or(String::new(), |panels| format!("{panels} {}", plan.value(panels, cell)));
+        let names = std::iter::once(roles.lines).chain(others.iter().copied().map(Facet::Axis));
+        let name = names.map(|facet| plan.value(facet, cell)).collect::<Vec<_>>().join(", ");
+        let line = line_of(&mut panels, &title, &name);
+        line.points.extend(point_of(index, x, cell, &states[index]));
     }
     ticks.sort_by(|one, other| one.x.total_cmp(&other.x));
-    // Axes without a role and with several values tell lines apart, so that no line holds two points at one place.
-    let others: Vec<Facet> = Facet::AXES
-        .into_iter()
-        .filter(|axis| {
-            ![Some(roles.x), Some(roles.lines), roles.panels]
-                .into_iter()
-                .flatten()
-                .any(|role| axis.holds(role) || role.holds(*axis))
-        })
-        .filter(|axis| distinct(cells.iter().map(|cell| plan.value(*axis, cell))).len() > 1)
-        .collect();
-    let panel_of = |cell: &CellSettings| roles.panels.map_or(String::new(), |panels| plan.value(panels, cell));
-    let line_of = |cell: &CellSettings| {
-        let rest = others.iter().map(|&axis| plan.value(axis, cell));
-        std::iter::once(plan.value(roles.lines, cell)).chain(rest).collect::<Vec<_>>().join(", ")
-    };
-    let panels = distinct(cells.iter().map(panel_of)).into_iter().map(|title| {
-        let of_panel = || cells.iter().enumerate().filter(|(_, cell)| panel_of(cell) == title);
-        let series = distinct(of_panel().map(|(_, cell)| line_of(cell))).into_iter().map(|name| {
-            let of_line = of_panel().filter(|(_, cell)| line_of(cell) == name);
-            let mut points: Vec<Point> =
-                of_line.filter_map(|(index, cell)| point_of(index, x_of(index), cell, &states[index])).collect();
-            points.sort_by(|one, other| one.x.total_cmp(&other.x));
-            Series { name, points }
-        });
-        let series: Vec<Series> = series.collect();
-        let title = roles.panels.map_or(String::new(), |panels| format!("{panels} {title}"));
-        Panel { title, series }
-    });
+    for line in panels.iter_mut().flat_map(|panel| &mut panel.series) {
+        line.points.sort_by(|one, other| one.x.total_cmp(&other.x));
+    }
     Figure {
         title: plan.title.clone(),
         caption: caption(plan, cells),
         x_label: roles.x.label(is_numeric).into(),
         logarithmic: roles.logarithmic && is_numeric && ticks.iter().all(|tick| tick.x > 0.0),
         optima: roles.optima,
-        panels: panels.collect(),
+        panels,
         ticks,
     }
 }
 
-/// Place of a cell on a numeric x axis. A whole sensor lies where a patch of its size would.
-fn place_of(x: Facet, cell: &CellSettings) -> Option<f64> {
-    let whole = || {
-        let model = cell.mask.source().mask(cell.seed, &cell.objects).ok()?.encoder.grid();
-        // The published field; a set of another one is placed beyond all patches as well.
-        Some(((96_usize.saturating_sub(model.0) + 1) * (96_usize.saturating_sub(model.1) + 1)) as f64)
+/// Axes that no role determines. They distinguish lines as well, so that no line holds two points at one place.
+fn others(plan: &Plan, cells: &[CellSettings]) -> Vec<Axis> {
+    let PlotSettings { x, lines, panels, .. } = &plan.plot;
+    let roles: Vec<Facet> = [*x, *lines].into_iter().chain(*panels).collect();
+    let is_open = |axis: &Axis| {
+        let mut values: HashMap<Vec<String>, String> = HashMap::new();
+        cells.iter().any(|cell| {
+            let role = roles.iter().map(|&role| plan.value(role, cell)).collect();
+            let value = plan.value(Facet::Axis(*axis), cell);
+            values.entry(role).or_insert_with(|| value.clone()) != &value
+        })
     };
+    Axis::ALL.into_iter().filter(|&axis| !roles.contains(&Facet::Axis(axis))).filter(is_open).collect()
+}
+
+/// The line of a name in the panel of a title; both are added where they are missing.
+fn line_of<'a>(panels: &'a mut Vec<Panel>, title: &str, name: &str) -> &'a mut Series {
+    let place = panels.iter().position(|panel| panel.title == title).unwrap_or_else(|| {
+        panels.push(Panel { title: title.to_owned(), series: Vec::new() });
+        panels.len() - 1
+    });
+    let series = &mut panels[place].series;
+    let place = series.iter().position(|line| line.name == name).unwrap_or_else(|| {
+        series.push(Series { name: name.to_owned(), points: Vec::new() });
+        series.len() - 1
+    });
+    &mut series[place]
+}
+
+/// Number of each value in the order in which they first occur.
+fn numbered(values: impl Iterator<Item = String>) -> Vec<f64> {
+    let mut numbers: HashMap<String, f64> = HashMap::new();
+    values
+        .map(|value| {
+            let next = numbers.len() as f64;
+            *numbers.entry(value).or_insert(next)
+        })
+        .collect()
+}
+
+/// Place of a cell on a numeric x axis.
+fn place_of(x: Facet, cell: &CellSettings) -> Option<f64> {
     match x {
-        Facet::Patch if cell.patch.shape().is_none() => whole().map(f64::sqrt),
+        Facet::Axis(Axis::Patch) if cell.patch.shape().is_none() => Some(SENSOR_SIDE),
         _ => x.number(cell),
     }
 }
@@ -179,23 +196,24 @@ fn point_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opt
     })
 }
 
-/// What all cells have in common: one value of an axis without a role.
+/// What all cells have in common: the axes with one value.
 pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
-    let only = |facet: Facet| {
-        let values = distinct(cells.iter().map(|cell| plan.value(facet, cell)));
-        if let [value] = values.as_slice() { Some(value.clone()) } else { None }
+    let only = |axis: Axis| {
+        let mut values = cells.iter().map(|cell| plan.value(Facet::Axis(axis), cell));
+        let first = values.next()?;
+        values.all(|value| value == first).then_some(first)
     };
     let mut parts = Vec::new();
-    parts.extend(only(Facet::Objects));
-    parts.extend(only(Facet::Mask));
-    parts.extend(only(Facet::Patch).map(|patch| match patch.as_str() {
+    parts.extend(only(Axis::Objects));
+    parts.extend(only(Axis::Mask));
+    parts.extend(only(Axis::Patch).map(|patch| match patch.as_str() {
         "sensor" => "whole sensor".to_owned(),
         side => format!("patches of {side} px"),
     }));
-    parts.extend(only(Facet::Noise).map(|noise| format!("{noise} noise")));
-    parts.extend(only(Facet::Photons).map(|photons| format!("mean of {photons} photons")));
-    parts.extend(only(Facet::Background).map(|photons| format!("background of {photons} photons")));
-    parts.extend(only(Facet::Estimator).map(|estimator| format!("estimator {estimator}")));
+    parts.extend(only(Axis::Noise).map(|noise| format!("{noise} noise")));
+    parts.extend(only(Axis::Photons).map(|photons| format!("mean of {photons} photons")));
+    parts.extend(only(Axis::Background).map(|photons| format!("background of {photons} photons")));
+    parts.extend(only(Axis::Estimator).map(|estimator| format!("estimator {estimator}")));
     if plan.estimates.protocol == Protocol::Paper {
         parts.push("published protocol".into());
     }
@@ -204,11 +222,6 @@ pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
 
 /// The values in the order in which they first occur.
 pub(super) fn distinct(values: impl Iterator<Item = String>) -> Vec<String> {
-    let mut distinct: Vec<String> = Vec::new();
-    for value in values {
-        if !distinct.contains(&value) {
-            distinct.push(value);
-        }
-    }
-    distinct
+    let mut seen = HashSet::new();
+    values.filter(|value| seen.insert(value.clone())).collect()
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::cell::{CELL, CellRecord, CellSettings};
 use super::plan::Plan;
+use super::shard::Shard;
 use crate::formats::{FormatError, create_folder};
 use crate::information::NUMBERS_VERSION;
 use crate::studies::error::StudyError;
@@ -53,7 +54,7 @@ pub struct StudyFolder {
 }
 
 impl StudyFolder {
-    /// Begins a study in `path`, or goes on with the same plan there.
+    /// Begins a study in `path`, or resumes the same plan there.
     ///
     /// # Errors
     /// [`StudyError`] where the plan has no cells, or the folder holds another plan.
@@ -77,11 +78,10 @@ impl StudyFolder {
     /// # Errors
     /// [`StudyError`] where the folder holds no plan that this version knows.
     pub fn open(path: &Path) -> Result<Self, StudyError> {
-        let file = path.join(PLAN);
         if !Self::is_at(path) {
             return Err(StudyError::NoPlan { path: path.into() });
         }
-        let plan = Plan::open(&file)?;
+        let plan = Self::read_plan(path)?;
         let cells = plan.cells()?;
         create_folder(&path.join(CELLS))?;
         Ok(Self::of(plan, cells, path))
@@ -95,6 +95,14 @@ impl StudyFolder {
     /// Whether a folder holds a study.
     pub fn is_at(path: &Path) -> bool {
         path.join(PLAN).is_file()
+    }
+
+    /// The plan in a folder.
+    ///
+    /// # Errors
+    /// [`StudyError`] where it cannot be read.
+    pub fn read_plan(path: &Path) -> Result<Plan, StudyError> {
+        Plan::open(&path.join(PLAN))
     }
 
     /// The folder.
@@ -119,13 +127,7 @@ impl StudyFolder {
 
     /// Rank of each cell among all ids in their order, by which cells are dealt to tasks.
     pub fn ranks(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.ids.len()).collect();
-        order.sort_by(|&one, &other| self.ids[one].cmp(&self.ids[other]));
-        let mut ranks = vec![0; order.len()];
-        for (rank, &cell) in order.iter().enumerate() {
-            ranks[cell] = rank;
-        }
-        ranks
+        Shard::ranks(&self.ids)
     }
 
     /// File of a cell's result.

@@ -13,7 +13,6 @@ mod ideal;
 mod named;
 mod paint;
 mod plan;
-mod published;
 mod run;
 mod shard;
 mod slurm;
@@ -31,7 +30,7 @@ pub use plan::{Plan, PlotSettings, QuickSettings};
 pub use run::{PlanEvent, RunSummary, run_cells};
 pub use shard::Shard;
 pub use slurm::{BatchScript, shards_of_script};
-pub use table::{CSV_HEADER, csv_rows, markdown, summary};
+pub use table::{CSV_HEADER, StudyTable};
 
 #[cfg(test)]
 mod tests;

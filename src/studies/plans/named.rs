@@ -41,7 +41,7 @@ fn lines(x: Facet, lines: Facet) -> PlotSettings {
 fn sweep(name: &str, title: &str, mask: Vec<StudyMask>, kind: &str, densities: &[&str]) -> Plan {
     let objects = densities.iter().map(|density| format!("{kind}:{density}")).collect();
     let axes = Axes { estimator: vec![Estimator::Bracket], ..Axes::new(mask, objects) };
-    let plot = PlotSettings { logarithmic: true, optima: true, ..lines(Facet::Density, Facet::Mask) };
+    let plot = PlotSettings { logarithmic: true, optima: true, ..lines(Facet::Density, Facet::Axis(Axis::Mask)) };
     // A bracket of beads is tight within seconds, as its fits start from pretrained weights.
     let quick = QuickSettings { seconds: 8.0, ..QuickSettings::default() };
     Plan { quick, ..Plan::new(name, title, axes, plot) }
@@ -118,7 +118,10 @@ fn fig3() -> Plan {
     let layouts = [4, 6, 9].map(|count| designed(MaskSource::Heuristic(count), Freedom::EqualWeights));
     let mask = heuristic(1..=9).into_iter().chain(best).chain(layouts).collect();
     let objects = ["mnist", "fashion", "cifar10", "beads:0.02"].map(str::to_owned).into();
-    let plot = PlotSettings { panels: Some(Facet::Objects), ..lines(Facet::Mask, Facet::Estimator) };
+    let plot = PlotSettings {
+        panels: Some(Facet::Axis(Axis::Objects)),
+        ..lines(Facet::Axis(Axis::Mask), Facet::Axis(Axis::Estimator))
+    };
     keeping_objects(Plan::new("fig3", "Information of layouts and of designed masks", Axes::new(mask, objects), plot))
 }
 
@@ -127,7 +130,11 @@ fn s1() -> Plan {
     let objects = ["cifar10", "mnist", "beads:0.02"].map(str::to_owned).into();
     let axes =
         Axes { patch: patch.into_iter().chain([PatchSize::Sensor]).collect(), ..Axes::new(heuristic([4, 8]), objects) };
-    let plot = PlotSettings { logarithmic: true, panels: Some(Facet::Objects), ..lines(Facet::Patch, Facet::Mask) };
+    let plot = PlotSettings {
+        logarithmic: true,
+        panels: Some(Facet::Axis(Axis::Objects)),
+        ..lines(Facet::Axis(Axis::Patch), Facet::Axis(Axis::Mask))
+    };
     keeping_objects(Plan::new("s1", "Information against the size of the patch", axes, plot))
 }
 
@@ -137,7 +144,7 @@ fn s2() -> Plan {
         .into_iter()
         .flat_map(|density| (1..=5).map(move |planes| format!("volume:{planes}:{density}")))
         .collect();
-    let plot = PlotSettings { panels: Some(Facet::Density), ..lines(Facet::Mask, Facet::Planes) };
+    let plot = PlotSettings { panels: Some(Facet::Density), ..lines(Facet::Axis(Axis::Mask), Facet::Planes) };
     keeping_objects(Plan::new("s2", "Lenslets in depth before objects in planes", Axes::new(mask, objects), plot))
 }
 
@@ -149,14 +156,19 @@ fn shape() -> Plan {
         designed(start(), Freedom::Round),
         designed(start(), Freedom::Elliptic),
     ];
-    let plot = lines(Facet::Mask, Facet::Objects);
+    let plot = lines(Facet::Axis(Axis::Mask), Facet::Axis(Axis::Objects));
     Plan::new("s5-shape", "Round and elliptic lenslets", Axes::new(mask, vec!["mnist".into()]), plot)
 }
 
 fn grid() -> Plan {
     let objects = ["0.008", "0.02", "0.05", "0.11"].map(|density| format!("beads:{density}")).into();
     let axes = Axes::new(heuristic([1, 2, 4, 6, 9]), objects);
-    Plan::new("grid", "Estimates and published values", axes, lines(Facet::Mask, Facet::Objects))
+    Plan::new(
+        "grid",
+        "Estimates and published values",
+        axes,
+        lines(Facet::Axis(Axis::Mask), Facet::Axis(Axis::Objects)),
+    )
 }
 
 fn patches() -> Plan {
@@ -165,6 +177,11 @@ fn patches() -> Plan {
         patch: patch.into_iter().chain([PatchSize::Sensor]).collect(),
         ..Axes::new(heuristic([9]), vec!["beads:0.02".into()])
     };
-    let plan = Plan::new("patches", "Patches and the whole sensor", axes, lines(Facet::Patch, Facet::Mask));
+    let plan = Plan::new(
+        "patches",
+        "Patches and the whole sensor",
+        axes,
+        lines(Facet::Axis(Axis::Patch), Facet::Axis(Axis::Mask)),
+    );
     Plan { quick: QuickSettings { seconds: 20.0, ..QuickSettings::default() }, ..plan }
 }

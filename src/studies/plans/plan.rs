@@ -197,7 +197,7 @@ impl Plan {
         Self { axes, estimates, ..self.clone() }
     }
 
-    /// The value of a cell, for people; objects by the name of their set.
+    /// The value of a cell, for people.
     pub fn value(&self, facet: Facet, cell: &CellSettings) -> String {
         facet.value(&self.sets, cell)
     }

@@ -96,11 +96,12 @@ pub fn run_cells(
     let mut summary = RunSummary { cells: own.len(), before: own.len() - cells, failed: 0 };
     let machine = Machine::here();
     let mut clock = Clock::default();
+    let planned = |index: usize| folder.plan().time_of(&folder.cells()[index]);
+    let mut planned_later: Duration = todo.iter().map(|&index| planned(index)).sum();
     for (done, &index) in todo.iter().enumerate() {
         let cell = &folder.cells()[index];
-        let later: Duration =
-            todo[done + 1..].iter().map(|&later| clock.expect(folder.plan().time_of(&folder.cells()[later]))).sum();
-        let expected = clock.expect(folder.plan().time_of(cell));
+        planned_later = planned_later.saturating_sub(planned(index));
+        let (expected, later) = (clock.expect(planned(index)), clock.expect(planned_later));
         let start = Instant::now();
         let mut report = |step: &str| {
             let left = later + expected.saturating_sub(start.elapsed());
@@ -113,7 +114,7 @@ pub fn run_cells(
             Ok(computed) => Ok(computed),
         };
         let record = record_of(cell, result, start.elapsed(), machine.clone());
-        clock.add(folder.plan().time_of(cell), start.elapsed());
+        clock.add(planned(index), start.elapsed());
         summary.failed += usize::from(record.estimate.is_none());
         folder.put(index, &record)?;
         let request = EstimateRequest { keep: Some(folder.state_file(index)), ..cell.request() };
@@ -199,8 +200,8 @@ fn compute(
     let design = cell.design(encoder);
     let model = ForwardModel::open(&design).map_err(EvaluationError::from)?;
     let sensor_tamura = tamura_of(&model, &design)?;
-    let told = notices_of(&design, &model.set).map_err(EvaluationError::from)?;
-    let notices = opened.notices.into_iter().chain(told).collect();
+    let of_objects = notices_of(&design, &model.set).map_err(EvaluationError::from)?;
+    let notices = opened.notices.into_iter().chain(of_objects).collect();
     // Where another process computes the same cell, this one keeps no state. Both results are the same, and one replaces the other.
     let state = folder.state_file(index);
     let lock = lock_name(&state, &state.with_extension("lock"));

@@ -28,6 +28,17 @@ impl Default for Shard {
 }
 
 impl Shard {
+    /// Rank of each id among all in their order.
+    pub fn ranks(ids: &[String]) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..ids.len()).collect();
+        order.sort_by_key(|&cell| &ids[cell]);
+        let mut ranks = vec![0; order.len()];
+        for (rank, &cell) in order.iter().enumerate() {
+            ranks[cell] = rank;
+        }
+        ranks
+    }
+
     /// Whether the cell of this rank, among all ids in their order, belongs to the task.
     pub fn holds(self, rank: usize) -> bool {
         rank % self.count == self.index

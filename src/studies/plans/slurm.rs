@@ -65,7 +65,7 @@ impl fmt::Display for BatchScript {
             f,
             "# A study as a job array: every task computes its share of the cells and skips those that are done."
         )?;
-        writeln!(f, "# Submit it again to go on; study missing DIR --sbatch names the tasks that are left.")?;
+        writeln!(f, "# Submit it again to resume it; study missing DIR --sbatch lists the tasks that are left.")?;
         writeln!(f, "#SBATCH --job-name={name}")?;
         writeln!(f, "#SBATCH --array=0-{}", tasks - 1)?;
         writeln!(f, "#SBATCH --cpus-per-task={processors}")?;

@@ -1,25 +1,49 @@
 //! The table of a study, for people and for programs.
 
+use std::collections::HashMap;
+
+use super::axes::Axis;
 use super::cell::CellSettings;
 use super::facet::Facet;
-use super::figure::{distinct, published_value};
+use super::figure::{caption, distinct, figure_of, published_value};
 use super::folder::{CellState, StudyFolder};
 use super::plan::Plan;
-use crate::information::PairedDifference;
+use crate::information::{Estimate, PairedDifference};
 use crate::plural::counted;
+use crate::studies::markdown::{self, NOTHING, bits, header, lower, row, with_interval};
 use crate::studies::rank::spearman;
 
 /// A column: its name, and the text of a row.
 struct Column<'a> {
-    name: &'static str,
+    name: String,
     text: Box<dyn Fn(&Row<'_>) -> String + 'a>,
+}
+
+impl<'a> Column<'a> {
+    fn new(name: impl Into<String>, text: impl Fn(&Row<'_>) -> String + 'a) -> Self {
+        Self { name: name.into(), text: Box::new(text) }
+    }
 }
 
 /// A row: one cell.
 struct Row<'a> {
     cell: &'a CellSettings,
     state: &'a CellState,
+    /// The first mask of the same other settings less this one.
     difference: Option<PairedDifference>,
+    /// The published value, bits per pixel.
+    published: Option<f64>,
+}
+
+impl<'a> Row<'a> {
+    fn estimate(&self) -> Option<&'a Estimate> {
+        self.state.done()?.estimate.as_ref()
+    }
+
+    /// Mean Tamura coefficient of noisy sensor patches.
+    fn tamura(&self) -> Option<f64> {
+        Some(self.state.done()?.sensor_tamura?.mean)
+    }
 }
 
 /// Distance above the published value within which an estimate counts as its equal, bits per pixel.
@@ -54,144 +78,181 @@ pub const CSV_HEADER: [&str; 24] = [
     "failure",
 ];
 
-/// The rows of the table for programs, in the order of the plan; see [`CSV_HEADER`].
-pub fn csv_rows(folder: &StudyFolder, states: &[CellState]) -> Vec<Vec<String>> {
-    let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
-    let rows = rows(folder.cells(), states);
-    let row = |(row, id): (&Row<'_>, &String)| {
-        let record = row.state.done();
-        let estimate = record.and_then(|record| record.estimate.as_ref());
-        let bracket = estimate.and_then(|estimate| estimate.bracket.as_ref());
-        let value = |facet: Facet| folder.plan().value(facet, row.cell);
-        vec![
-            id.clone(),
-            value(Facet::Objects),
-            value(Facet::Mask),
-            record.and_then(|record| record.lenslets).map_or(String::new(), |count| count.to_string()),
-            value(Facet::Patch),
-            value(Facet::Noise),
-            value(Facet::Photons),
-            value(Facet::Background),
-            value(Facet::Estimator),
-            row.cell.estimates.protocol.to_string(),
-            value(Facet::Seed),
-            number(estimate.map(|estimate| estimate.bits_per_pixel)),
-            number(estimate.map(|estimate| estimate.interval_95[0])),
-            number(estimate.map(|estimate| estimate.interval_95[1])),
-            number(bracket.and_then(|bracket| bracket.lower)),
-            number(bracket.and_then(|bracket| bracket.lower_interval_95).map(|[low, _]| low)),
-            number(bracket.and_then(|bracket| bracket.lower_interval_95).map(|[_, high]| high)),
-            number(estimate.and_then(|estimate| estimate.ceiling)),
-            number(row.difference.map(|difference| difference.bits_per_pixel)),
-            number(row.difference.map(|difference| difference.interval_95[0])),
-            number(row.difference.map(|difference| difference.interval_95[1])),
-            number(published_value(row.cell).map(|known| known.bits_per_pixel)),
-            number(record.and_then(|record| record.sensor_tamura).map(|tamura| tamura.mean)),
-            row.state.failure().unwrap_or_default().to_owned(),
-        ]
-    };
-    rows.iter().zip(folder.ids()).map(row).collect()
+/// The table of a study: what is computed so far, with the differences between masks.
+pub struct StudyTable<'a> {
+    folder: &'a StudyFolder,
+    states: &'a [CellState],
+    rows: Vec<Row<'a>>,
 }
 
-/// Rows with their differences to the first mask of the same other settings, by the density model on the same test patches.
-fn rows<'a>(cells: &'a [CellSettings], states: &'a [CellState]) -> Vec<Row<'a>> {
-    let reference = |cell: &CellSettings| {
-        cells.iter().position(|other| CellSettings { mask: cell.mask.clone(), ..other.clone() } == *cell)
-    };
-    let difference = |index: usize| {
-        let first = reference(&cells[index]).filter(|&first| first != index)?;
-        let (of, than) = (states[first].done()?, states[index].done()?);
-        PairedDifference::new(&of.test_patches.information, &than.test_patches, cells[index].seed).ok()?
-    };
-    let row = |(index, cell)| Row { cell, state: &states[index], difference: difference(index) };
-    cells.iter().enumerate().map(row).collect()
-}
-
-/// The study as Markdown: what all cells share, the table, and what follows from it.
-pub fn markdown(folder: &StudyFolder, states: &[CellState]) -> String {
-    let (plan, cells) = (folder.plan(), folder.cells());
-    let columns = columns(plan, cells, states);
-    let mut lines = vec![format!("# {}", plan.title), String::new(), shared(plan, cells), String::new()];
-    lines.push(line(columns.iter().map(|column| column.name.to_owned())));
-    lines.push(line(columns.iter().map(|_| "---".to_owned())));
-    let rows = rows(cells, states);
-    lines.extend(rows.iter().map(|row| line(columns.iter().map(|column| (column.text)(row)))));
-    lines.push(String::new());
-    lines.extend(summary(folder, states).into_iter().map(|sentence| format!("- {sentence}")));
-    lines.push(String::new());
-    lines.join("\n")
-}
-
-/// One sentence for each result, for people.
-pub fn summary(folder: &StudyFolder, states: &[CellState]) -> Vec<String> {
-    let (plan, cells) = (folder.plan(), folder.cells());
-    let counts: Vec<String> =
-        StudyFolder::counts(states).iter().map(|(word, count)| format!("{count} {word}")).collect();
-    let mut lines = vec![format!("{}: {}", counted(cells.len(), "cell"), counts.join(", "))];
-    let above = states
-        .iter()
-        .filter_map(CellState::done)
-        .filter(|record| record.estimate.as_ref().is_some_and(crate::information::Estimate::above_ceiling))
-        .count();
-    if above > 0 {
-        lines.push(format!(
-            "{} above the entropy bound: loose there, so do not rank masks by them",
-            counted(above, "estimate")
-        ));
+impl<'a> StudyTable<'a> {
+    /// The table of a folder with these states of its cells.
+    pub fn new(folder: &'a StudyFolder, states: &'a [CellState]) -> Self {
+        let cells = folder.cells();
+        let mut first: HashMap<String, usize> = HashMap::new();
+        let row = |(index, cell): (usize, &'a CellSettings)| {
+            // Cells that differ in their mask alone have one reference: the first of them.
+            let alike = CellSettings { mask: cells[0].mask.clone(), ..cell.clone() }.id();
+            let reference = *first.entry(alike).or_insert(index);
+            let difference = (reference != index).then(|| difference(&states[reference], &states[index])).flatten();
+            let published = published_value(cell).map(|known| known.bits_per_pixel);
+            Row { cell, state: &states[index], difference, published }
+        };
+        Self { folder, states, rows: cells.iter().enumerate().map(row).collect() }
     }
-    if plan.plot.optima {
-        let figure = super::figure::figure_of(plan, cells, states);
-        for series in figure.panels.iter().flat_map(|panel| &panel.series) {
-            if let Some((best, _)) = series.optimum() {
-                let tamura = best.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
-                lines.push(format!("{}: optimum at {} {}{tamura}", series.name, plan.plot.x, best.x));
+
+    /// The rows of the table for programs, in the order of the plan; see [`CSV_HEADER`].
+    pub fn csv_rows(&self) -> Vec<Vec<String>> {
+        self.rows.iter().zip(self.folder.ids()).map(|(row, id)| csv_row(self.folder.plan(), row, id)).collect()
+    }
+
+    /// The study as Markdown: what all cells share, the table, and what follows from it.
+    pub fn markdown(&self) -> String {
+        let (plan, cells) = (self.folder.plan(), self.folder.cells());
+        let columns = self.columns();
+        let mut lines = vec![format!("# {}", plan.title), String::new(), shared(plan, cells), String::new()];
+        lines.extend(header(columns.iter().map(|column| column.name.as_str())));
+        lines.extend(self.rows.iter().map(|of_cell| row(columns.iter().map(|column| (column.text)(of_cell)))));
+        lines.push(String::new());
+        lines.extend(self.summary().into_iter().map(|sentence| format!("- {sentence}")));
+        lines.push(String::new());
+        lines.join("\n")
+    }
+
+    /// One sentence for each result, for people.
+    fn summary(&self) -> Vec<String> {
+        let (plan, cells, states) = (self.folder.plan(), self.folder.cells(), self.states);
+        let counts: Vec<String> =
+            StudyFolder::counts(states).iter().map(|(word, count)| format!("{count} {word}")).collect();
+        let mut lines = vec![format!("{}: {}", counted(cells.len(), "cell"), counts.join(", "))];
+        let above = self.estimates().filter(|estimate| estimate.above_ceiling()).count();
+        if above > 0 {
+            lines.push(format!(
+                "{} above the entropy bound: loose there, so do not rank masks by them",
+                counted(above, "estimate")
+            ));
+        }
+        if plan.plot.optima {
+            let figure = figure_of(plan, cells, states);
+            for series in figure.panels.iter().flat_map(|panel| &panel.series) {
+                if let Some((best, _)) = series.optimum() {
+                    let tamura = best.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
+                    lines.push(format!("{}: optimum at {} {}{tamura}", series.name, plan.plot.x, best.x));
+                }
             }
         }
+        lines.extend(beside_published(plan, &self.rows));
+        let failures = cells.iter().zip(states).filter_map(|(cell, state)| Some((cell, state.failure()?)));
+        lines.extend(failures.map(|(cell, failure)| format!("failed: {}: {failure}", cell.name())));
+        let records = || states.iter().filter_map(CellState::done);
+        lines.extend(distinct(records().flat_map(|record| record.notices.clone())));
+        let machines = distinct(records().map(|record| record.machine.describe()));
+        lines.extend(machines.iter().map(|machine| format!("computed on {machine}")));
+        lines
     }
-    lines.extend(beside_published(plan, cells, states));
-    for (cell, state) in cells.iter().zip(states) {
-        if let Some(failure) = state.failure() {
-            lines.push(format!("failed: {}: {failure}", cell.name()));
+
+    fn estimates(&self) -> impl Iterator<Item = &'a Estimate> {
+        self.rows.iter().filter_map(Row::estimate)
+    }
+
+    fn columns(&self) -> Vec<Column<'a>> {
+        let (plan, cells) = (self.folder.plan(), self.folder.cells());
+        let mut columns: Vec<Column<'a>> = Vec::new();
+        for axis in Axis::ALL.map(Facet::Axis) {
+            let mut values = cells.iter().map(|cell| plan.value(axis, cell));
+            let first = values.next();
+            if values.any(|value| Some(value) != first) {
+                columns.push(Column::new(axis.to_string(), move |row| plan.value(axis, row.cell)));
+            }
         }
+        if self.estimates().any(|estimate| estimate.lower().is_some()) {
+            columns.push(Column::new("lower bound", |row| lower(row.estimate())));
+        }
+        columns.push(Column::new("estimate", estimate));
+        if self.estimates().any(|estimate| estimate.ceiling.is_some()) {
+            columns.push(Column::new("entropy bound", |row| bits(row.estimate().and_then(|of| of.ceiling))));
+        }
+        if self.rows.iter().any(|row| row.difference.is_some()) {
+            columns.push(Column::new("first mask's - this", |row| markdown::difference(row.difference)));
+        }
+        if self.rows.iter().any(|row| row.published.is_some()) {
+            columns.push(Column::new("published", |row| bits(row.published)));
+        }
+        columns.push(Column::new("sensor Tamura", |row| {
+            row.tamura().map_or(NOTHING.into(), |tamura| format!("{tamura:.3}"))
+        }));
+        columns
     }
-    lines.extend(distinct(states.iter().filter_map(CellState::done).flat_map(|record| record.notices.clone())));
-    let machines = distinct(states.iter().filter_map(CellState::done).map(|record| record.machine.describe()));
-    lines.extend(machines.iter().map(|machine| format!("computed on {machine}")));
-    lines
+}
+
+/// First mask less another one, by the density model on the same test patches.
+fn difference(first: &CellState, other: &CellState) -> Option<PairedDifference> {
+    let (first, other) = (first.done()?, other.done()?);
+    PairedDifference::new(&first.test_patches.information, &other.test_patches, other.settings.seed).ok()?
+}
+
+fn csv_row(plan: &Plan, row: &Row<'_>, id: &str) -> Vec<String> {
+    let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
+    let (record, estimate) = (row.state.done(), row.estimate());
+    let bracket = estimate.and_then(|estimate| estimate.bracket.as_ref());
+    let lower_interval = bracket.and_then(|bracket| bracket.lower_interval_95);
+    let value = |axis: Axis| plan.value(Facet::Axis(axis), row.cell);
+    vec![
+        id.to_owned(),
+        value(Axis::Objects),
+        value(Axis::Mask),
+        record.and_then(|record| record.lenslets).map_or(String::new(), |count| count.to_string()),
+        value(Axis::Patch),
+        value(Axis::Noise),
+        value(Axis::Photons),
+        value(Axis::Background),
+        value(Axis::Estimator),
+        row.cell.estimates.protocol.to_string(),
+        value(Axis::Seed),
+        number(estimate.map(|estimate| estimate.bits_per_pixel)),
+        number(estimate.map(|estimate| estimate.interval_95[0])),
+        number(estimate.map(|estimate| estimate.interval_95[1])),
+        number(bracket.and_then(|bracket| bracket.lower)),
+        number(lower_interval.map(|[low, _]| low)),
+        number(lower_interval.map(|[_, high]| high)),
+        number(estimate.and_then(|estimate| estimate.ceiling)),
+        number(row.difference.map(|difference| difference.bits_per_pixel)),
+        number(row.difference.map(|difference| difference.interval_95[0])),
+        number(row.difference.map(|difference| difference.interval_95[1])),
+        number(row.published),
+        number(row.tamura()),
+        row.state.failure().unwrap_or_default().to_owned(),
+    ]
 }
 
 /// How estimates compare with published ones: their number below, and the order of masks for each set of objects.
-fn beside_published(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> Vec<String> {
-    let compared: Vec<(String, f64, f64)> = cells
-        .iter()
-        .zip(states)
-        .filter_map(|(cell, state)| {
-            let objects = plan.value(Facet::Objects, cell);
-            Some((objects, state.done()?.bits_per_pixel()?, published_value(cell)?.bits_per_pixel))
-        })
-        .collect();
+fn beside_published(plan: &Plan, rows: &[Row<'_>]) -> Vec<String> {
+    let mut by_objects: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
+    for row in rows {
+        let Some(pair) = row.estimate().map(|estimate| estimate.bits_per_pixel).zip(row.published) else { continue };
+        let objects = plan.value(Facet::Axis(Axis::Objects), row.cell);
+        match by_objects.iter_mut().find(|(of, _)| *of == objects) {
+            Some((_, pairs)) => pairs.push(pair),
+            None => by_objects.push((objects, vec![pair])),
+        }
+    }
+    let compared: Vec<(f64, f64)> = by_objects.iter().flat_map(|(_, pairs)| pairs).copied().collect();
     if compared.is_empty() {
         return Vec::new();
     }
-    let below = compared.iter().filter(|(_, ours, published)| *ours <= published + MARGIN).count();
-    let mut lines = vec![format!(
-        "{below} of {} at most the published value + {MARGIN} bits per pixel",
-        counted(compared.len(), "estimate")
-    )];
-    for objects in distinct(compared.iter().map(|(objects, ..)| objects.clone())) {
-        let pairs: Vec<(f64, f64)> =
-            compared.iter().filter(|(of, ..)| *of == objects).map(|&(_, ours, published)| (ours, published)).collect();
-        if let Some(spearman) = spearman(&pairs) {
-            let masks = counted(pairs.len(), "mask");
-            lines.push(format!("{objects}: rank correlation with the published order of {masks} {spearman:.2}"));
-        }
-    }
+    let below = compared.iter().filter(|(ours, published)| *ours <= published + MARGIN).count();
+    let estimates = counted(compared.len(), "estimate");
+    let mut lines = vec![format!("{below} of {estimates} at most the published value + {MARGIN} bits per pixel")];
+    lines.extend(by_objects.iter().filter_map(|(objects, pairs)| {
+        let masks = counted(pairs.len(), "mask");
+        Some(format!("{objects}: rank correlation with the published order of {masks} {:.2}", spearman(pairs)?))
+    }));
     lines
 }
 
 /// What all cells have in common.
 fn shared(plan: &Plan, cells: &[CellSettings]) -> String {
-    let common = super::figure::caption(plan, cells);
+    let common = caption(plan, cells);
     let estimates = cells.first().map_or(plan.estimates, |cell| cell.estimates);
     let length = match (estimates.seconds, estimates.steps) {
         (Some(seconds), _) => format!("fits of {seconds} s; "),
@@ -205,40 +266,6 @@ fn shared(plan: &Plan, cells: &[CellSettings]) -> String {
     )
 }
 
-fn columns<'a>(plan: &'a Plan, cells: &'a [CellSettings], states: &[CellState]) -> Vec<Column<'a>> {
-    let mut columns: Vec<Column<'a>> = Vec::new();
-    for (axis, name) in Facet::AXES.into_iter().zip(AXIS_NAMES) {
-        if distinct(cells.iter().map(|cell| plan.value(axis, cell))).len() > 1 {
-            columns.push(Column { name, text: Box::new(move |row| plan.value(axis, row.cell)) });
-        }
-    }
-    let any = |has: &dyn Fn(&super::cell::CellRecord) -> bool| states.iter().filter_map(CellState::done).any(has);
-    if any(&|record| record.lower().is_some()) {
-        columns.push(Column { name: "lower bound", text: Box::new(lower) });
-    }
-    columns.push(Column { name: "estimate", text: Box::new(estimate) });
-    if any(&|record| record.estimate.as_ref().is_some_and(|estimate| estimate.ceiling.is_some())) {
-        let ceiling = |row: &Row<'_>| number(row.state.done().and_then(|of| of.estimate.as_ref()?.ceiling));
-        columns.push(Column { name: "entropy bound", text: Box::new(ceiling) });
-    }
-    if rows(cells, states).iter().any(|row| row.difference.is_some()) {
-        columns.push(Column { name: "first mask's - this", text: Box::new(difference) });
-    }
-    if cells.iter().any(|cell| published_value(cell).is_some()) {
-        let known = |row: &Row<'_>| number(published_value(row.cell).map(|known| known.bits_per_pixel));
-        columns.push(Column { name: "published", text: Box::new(known) });
-    }
-    let tamura = |row: &Row<'_>| {
-        row.state.done().and_then(|of| of.sensor_tamura).map_or(NOTHING.into(), |tamura| format!("{:.3}", tamura.mean))
-    };
-    columns.push(Column { name: "sensor Tamura", text: Box::new(tamura) });
-    columns
-}
-
-const AXIS_NAMES: [&str; 8] = ["objects", "mask", "photons", "background", "noise", "patch", "estimator", "seed"];
-/// Text of an empty place.
-const NOTHING: &str = "-";
-
 fn estimate(row: &Row<'_>) -> String {
     match row.state {
         CellState::Waiting => NOTHING.into(),
@@ -248,36 +275,4 @@ fn estimate(row: &Row<'_>) -> String {
             .as_ref()
             .map_or(NOTHING.into(), |estimate| with_interval(estimate.bits_per_pixel, Some(estimate.interval_95))),
     }
-}
-
-fn lower(row: &Row<'_>) -> String {
-    let bracket = row.state.done().and_then(|record| record.estimate.as_ref()?.bracket.as_ref());
-    match bracket.and_then(|bracket| Some((bracket.lower?, bracket.lower_interval_95))) {
-        Some((bits, interval)) => with_interval(bits, interval),
-        None => NOTHING.into(),
-    }
-}
-
-fn difference(row: &Row<'_>) -> String {
-    row.difference.map_or(NOTHING.into(), |PairedDifference { bits_per_pixel, interval_95: [low, high] }| {
-        format!("{bits_per_pixel:+.4} ({low:+.4} to {high:+.4})")
-    })
-}
-
-fn with_interval(bits: f64, interval: Option<[f64; 2]>) -> String {
-    match interval {
-        // A bound without samples has no interval.
-        Some([low, high]) if low < high => format!("{bits:.4} ({low:.4} to {high:.4})"),
-        _ => format!("{bits:.4}"),
-    }
-}
-
-fn number(value: Option<f64>) -> String {
-    value.map_or(NOTHING.into(), |value| format!("{value:.4}"))
-}
-
-/// A row of a Markdown table; a bar in a text would end its column.
-fn line(columns: impl Iterator<Item = String>) -> String {
-    let columns: Vec<String> = columns.map(|text| text.replace('|', "\\|").replace('\n', " ")).collect();
-    format!("| {} |", columns.join(" | "))
 }

@@ -14,7 +14,7 @@ use super::paint::{png, svg};
 use super::plan::{Plan, PlotSettings};
 use super::run::{PlanEvent, run_cells};
 use super::shard::Shard;
-use super::table::{csv_rows, markdown};
+use super::table::StudyTable;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::progress::CancelToken;
@@ -29,7 +29,13 @@ fn small() -> Plan {
         estimator: vec![Estimator::GaussianStationary],
         ..Axes::new(mask, vec!["beads:0.008".into(), "beads:0.05".into()])
     };
-    let plot = PlotSettings { x: Facet::Density, lines: Facet::Mask, panels: None, logarithmic: true, optima: true };
+    let plot = PlotSettings {
+        x: Facet::Density,
+        lines: Facet::Axis(Axis::Mask),
+        panels: None,
+        logarithmic: true,
+        optima: true,
+    };
     let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
     Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) }
 }
@@ -43,6 +49,10 @@ fn computed(folder: &StudyFolder, shard: Shard) -> usize {
 
 fn begun(plan: Plan, path: &Path) -> StudyFolder {
     StudyFolder::begin(plan, path).unwrap()
+}
+
+fn rows(folder: &StudyFolder) -> Vec<Vec<String>> {
+    StudyTable::new(folder, &folder.states().unwrap()).csv_rows()
 }
 
 fn sentence<T>(result: Result<T, StudyError>) -> String {
@@ -129,7 +139,6 @@ fn shards_fill_one_folder_as_one_machine_does() {
     let counts = shards.map(|shard| computed(&shared, shard));
     assert_eq!(counts.iter().sum::<usize>(), 4);
     assert!(counts.iter().all(|&count| count > 0));
-    let rows = |folder: &StudyFolder| csv_rows(folder, &folder.states().unwrap());
     assert_eq!(rows(&alone), rows(&shared));
     assert!(rows(&alone).iter().all(|row| !row[11].is_empty()));
     // Nothing is computed twice, and the folder may be opened without its plan.
@@ -141,7 +150,7 @@ fn files_that_are_cut_old_or_of_another_cell_are_computed_again() {
     let place = tempfile::tempdir().unwrap();
     let folder = begun(small(), place.path());
     computed(&folder, Shard::default());
-    let before = csv_rows(&folder, &folder.states().unwrap());
+    let before = rows(&folder);
     let text = |index: usize| std::fs::read_to_string(folder.cell_file(index)).unwrap();
     std::fs::write(folder.cell_file(0), &text(0)[..400]).unwrap();
     std::fs::write(folder.cell_file(1), text(1).replacen("\"format_version\": 1", "\"format_version\": 7", 1)).unwrap();
@@ -150,9 +159,9 @@ fn files_that_are_cut_old_or_of_another_cell_are_computed_again() {
     let said: Vec<&str> = states.iter().filter_map(CellState::failure).collect();
     assert_eq!(said.len(), 3);
     assert!(said[1].contains("newer") && said[2].contains("found another"), "{said:?}");
-    assert!(markdown(&folder, &states).contains("3 unusable"));
+    assert!(StudyTable::new(&folder, &states).markdown().contains("3 unusable"));
     assert_eq!(computed(&folder, Shard::default()), 3);
-    assert_eq!(csv_rows(&folder, &folder.states().unwrap()), before);
+    assert_eq!(rows(&folder), before);
 }
 
 #[test]
@@ -199,7 +208,7 @@ fn a_cell_that_fails_says_why_and_harms_no_other() {
     assert_eq!((summary.cells, summary.failed), (3, 1));
     let states = folder.states().unwrap();
     assert!(states[2].failure().is_some_and(|failure| failure.contains("none.png")));
-    assert!(markdown(&folder, &states).contains("failed: beads:0.008, psf:"));
+    assert!(StudyTable::new(&folder, &states).markdown().contains("failed: beads:0.008, psf:"));
     let again = run_cells(&folder, Shard::default(), &mut CancelToken::new()).unwrap();
     assert_eq!((again.before, again.failed), (2, 1));
 }
@@ -251,9 +260,9 @@ fn figures_hold_lines_optima_and_published_values() {
 fn axes_without_a_role_tell_lines_apart() {
     let mut plan = small();
     plan.axes.seed = vec![1, 2];
-    plan.plot.panels = Some(Facet::Objects);
-    plan.plot.x = Facet::Mask;
-    plan.plot.lines = Facet::Estimator;
+    plan.plot.panels = Some(Facet::Axis(Axis::Objects));
+    plan.plot.x = Facet::Axis(Axis::Mask);
+    plan.plot.lines = Facet::Axis(Axis::Estimator);
     let cells = plan.cells().unwrap();
     let figure = figure_of(&plan, &cells, &vec![CellState::Waiting; cells.len()]);
     assert_eq!(figure.panels.len(), 2);

@@ -126,7 +126,7 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
             if pause.clicked() {
                 requests.push(Request::Study(StudyRequest::Pause(!is_paused)));
             }
-            let stop = ui.small_button("Stop").on_hover_text("Finished cells stay; Start goes on");
+            let stop = ui.small_button("Stop").on_hover_text("Finished cells stay; Start resumes the study");
             name_widget(&stop, "Stop study");
             if stop.clicked() {
                 requests.push(Request::Study(StudyRequest::Stop));

@@ -14,7 +14,7 @@ use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
 use crate::plural::counted;
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
-use crate::studies::plans::{CSV_HEADER, CellState, Figure, StudyFolder, csv_rows, write_figure};
+use crate::studies::plans::{CSV_HEADER, CellState, Figure, StudyFolder, StudyTable, write_figure};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::reconstruction_files;
@@ -421,7 +421,7 @@ impl Job {
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
             Self::ExportStudyTable { folder, states, path } => {
-                let rows = csv_rows(folder, states).into_iter();
+                let rows = StudyTable::new(folder, states).csv_rows().into_iter();
                 write_csv_text(path, &CSV_HEADER, rows).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }

@@ -260,12 +260,17 @@ impl Queue for StudyQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::studies::plans::{Axes, Facet, PlotSettings, StudyMask};
+    use crate::studies::plans::{Axes, Axis, Facet, PlotSettings, StudyMask};
 
     fn opened(place: &std::path::Path) -> OpenStudy {
         let axes = Axes::new(vec![StudyMask::heuristic(1), StudyMask::heuristic(2)], vec!["beads:0.02".into()]);
-        let plot =
-            PlotSettings { x: Facet::Mask, lines: Facet::Objects, panels: None, logarithmic: false, optima: false };
+        let plot = PlotSettings {
+            x: Facet::Axis(Axis::Mask),
+            lines: Facet::Axis(Axis::Objects),
+            panels: None,
+            logarithmic: false,
+            optima: false,
+        };
         let folder = StudyFolder::begin(Plan::new("two", "Two cells", axes, plot), place).unwrap();
         let states = folder.states().unwrap();
         OpenStudy::new(folder, states)

@@ -2,6 +2,7 @@
 
 use egui::{Color32, Sense, Ui, Vec2, WidgetInfo};
 
+use crate::information::Estimate;
 use crate::studies::plans::CellState;
 use crate::studio::state::request::{Request, StudyRequest};
 use crate::workbench::OpenStudy;
@@ -79,10 +80,7 @@ fn cell(ui: &mut Ui, open: &OpenStudy, index: usize, is_running: bool, side: f32
     let name = open.folder.cells()[index].name();
     response.widget_info(|| WidgetInfo::labeled(egui::Role::Button, true, format!("Cell {name}")));
     let result = match state {
-        CellState::Done(record) => record.estimate.as_ref().map_or(String::new(), |estimate| {
-            let lower = record.lower().map_or(String::new(), |bits| format!("at least {bits:.4}, "));
-            format!("{lower}{} {:.4} bits per pixel", estimate.relation(), estimate.bits_per_pixel)
-        }),
+        CellState::Done(record) => record.estimate.as_ref().map_or(String::new(), Estimate::bounds),
         CellState::Waiting if is_running => "running".into(),
         CellState::Waiting => "waiting".into(),
         failed => failed.failure().unwrap_or("failed").to_owned(),

@@ -5,10 +5,10 @@ use std::ops::RangeInclusive;
 use egui::{Color32, Ui};
 use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points};
 
-use crate::studies::plans::{Figure, Panel, Point};
+use crate::studies::plans::{Figure, Panel, Point, Series};
 use crate::studio::state::request::{Request, StudyRequest};
 use crate::studio::widgets::controls::{name_widget, placeholder};
-use crate::workbench::OpenStudy;
+use crate::workbench::{Colormap, OpenStudy};
 
 /// Distance within which the pointer finds a point, points of the screen.
 const NEAR: f32 = 12.0;
@@ -39,7 +39,7 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
             let count = shown.series.len();
             for (index, series) in shown.series.iter().enumerate() {
                 let colour = colour(index, count);
-                lines(plot, series.name.as_str(), &series.points, figure, colour);
+                line(plot, series, figure, colour);
             }
             let pointer = plot.response().hover_pos()?;
             let at = |point: &Point| plot.screen_from_plot([place(point.x), point.bits].into()).distance(pointer);
@@ -54,10 +54,11 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
     }
 }
 
-fn lines(plot: &mut egui_plot::PlotUi<'_>, name: &str, points: &[Point], figure: &Figure, colour: Color32) {
+fn line(plot: &mut egui_plot::PlotUi<'_>, series: &Series, figure: &Figure, colour: Color32) {
+    let name = series.name.as_str();
     let place = |x: f64| if figure.logarithmic { x.log10() } else { x };
     let of = |value: &dyn Fn(&Point) -> Option<f64>| -> Vec<[f64; 2]> {
-        points.iter().filter_map(|point| Some([place(point.x), value(point)?])).collect()
+        series.points.iter().filter_map(|point| Some([place(point.x), value(point)?])).collect()
     };
     let joined = of(&|point| Some(point.bits).filter(|_| !point.is_designed));
     plot.line(Line::new(name, PlotPoints::from(joined.clone())).color(colour).width(2.0));
@@ -68,10 +69,8 @@ fn lines(plot: &mut egui_plot::PlotUi<'_>, name: &str, points: &[Point], figure:
     plot.line(Line::new(name, lower).color(colour).width(1.0).style(LineStyle::dashed_loose()));
     let published = of(&|point| point.published);
     plot.points(Points::new(name, published).color(colour).filled(false).radius(4.0));
-    let best = points.iter().map(|point| point.lower.unwrap_or(point.bits)).fold(f64::MIN, f64::max);
-    let is_best = |point: &Point| point.lower.unwrap_or(point.bits) == best;
-    if figure.optima {
-        let star = of(&|point| Some(best).filter(|_| is_best(point)));
+    if let Some((best, bits)) = series.optimum().filter(|_| figure.optima) {
+        let star = vec![[place(best.x), bits]];
         plot.points(Points::new(name, star).color(colour).shape(MarkerShape::Asterisk).radius(6.0));
     }
 }
@@ -100,11 +99,9 @@ fn grid(ticks: &[(f64, String)]) -> Vec<GridMark> {
     ticks.iter().step_by(every).map(|(x, _)| GridMark { value: *x, step_size: step }).collect()
 }
 
-/// Colour number `index` of `count`, from dark to light.
+/// Colour number `index` of `count`, from dark to light. The darkest colours would vanish on a dark background.
 fn colour(index: usize, count: usize) -> Color32 {
-    use colorgrad::Gradient;
-    // The darkest end would vanish on a dark background.
     let share = if count > 1 { 0.25 + 0.75 * index as f32 / (count - 1) as f32 } else { 0.5 };
-    let [red, green, blue, _] = colorgrad::preset::viridis().at(share).to_rgba8();
+    let [red, green, blue] = Colormap::Viridis.palette()[Colormap::index(share, (0.0, 1.0))];
     Color32::from_rgb(red, green, blue)
 }
