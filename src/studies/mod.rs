@@ -1,6 +1,8 @@
-//! Studies: one estimate for every cell of a table of objects, designs and patches. Cells are stored in a folder as they come, so that an
+//! Studies: questions that are answered by many estimates. Plans cross masks, objects and settings to cells; a comparison scores masks on
+//! the same test patches; a study of decoders has image quality beside information. Cells are stored in a folder as they come, so that an
 //! interruption loses no finished cell.
 
+mod comparison;
 mod decoders;
 mod drawing;
 mod error;
@@ -9,12 +11,12 @@ mod markdown;
 pub mod plans;
 mod published;
 mod rank;
-mod record;
-mod run;
-mod settings;
-mod summary;
-mod tables;
 
+pub(crate) use comparison::STUDY_RECORD;
+pub use comparison::{
+    RankCorrelation, Study, StudyCell, StudyDesign, StudyEvent, StudyKind, StudyObjects, StudyRecord, StudySettings,
+    StudyStep, StudySummary, WithinPublished,
+};
 pub use decoders::{
     Correlation, DecoderStudy, DecoderStudyCell, DecoderStudyEvent, DecoderStudyRecord, DecoderStudySettings,
     SensorInformation,
@@ -23,11 +25,3 @@ pub use error::StudyError;
 pub use machine::Machine;
 pub use published::{Published, PublishedSet};
 pub use rank::{pearson, spearman};
-pub use record::{StudyCell, StudyRecord};
-pub(crate) use run::RECORD as STUDY_RECORD;
-pub use run::{Study, StudyEvent, StudyStep};
-pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
-pub use summary::{RankCorrelation, StudySummary, WithinPublished};
-
-#[cfg(test)]
-mod tests;

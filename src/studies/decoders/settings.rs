@@ -6,8 +6,8 @@ use crate::forward::Design;
 use crate::information::Protocol;
 use crate::objects::ObjectSource;
 use crate::reconstruction::DecoderKind;
+use crate::studies::comparison::{StudyDesign, StudyObjects, check_distinct};
 use crate::studies::error::StudyError;
-use crate::studies::settings::{StudyDesign, StudyObjects, check_distinct};
 
 /// All settings that decide the numbers of a study of decoders.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

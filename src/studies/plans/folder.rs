@@ -65,7 +65,7 @@ impl StudyFolder {
             let there = Self::open(path)?;
             return if there.cells == cells { Ok(there) } else { Err(StudyError::OtherPlan { path: path.into() }) };
         }
-        if path.join(crate::studies::run::RECORD).exists() {
+        if path.join(crate::studies::comparison::STUDY_RECORD).exists() {
             return Err(StudyError::EarlierStudy { path: path.into() });
         }
         create_folder(&path.join(CELLS))?;

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
+use crate::studies::comparison::record::StudyCell;
+use crate::studies::comparison::settings::StudySettings;
 use crate::studies::rank::spearman;
-use crate::studies::record::StudyCell;
-use crate::studies::settings::StudySettings;
 
 use crate::plural::counted;
 

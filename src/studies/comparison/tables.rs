@@ -3,9 +3,9 @@
 use crate::information::BoundMethod;
 use crate::objects::ObjectSource;
 use crate::plural::counted;
+use crate::studies::comparison::record::{StudyCell, StudyRecord};
+use crate::studies::comparison::settings::{StudySettings, patch_name};
 use crate::studies::markdown::{NOTHING, bits, difference, header, lower, row, with_interval};
-use crate::studies::record::{StudyCell, StudyRecord};
-use crate::studies::settings::{StudySettings, patch_name};
 
 /// Columns of the CSV table; information and intervals in bits per pixel. Unknown values are empty.
 pub(super) const CSV_HEADER: [&str; 31] = [

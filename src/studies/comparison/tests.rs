@@ -13,10 +13,10 @@ use crate::information::{
 use crate::optics::{Encoder, heuristic_layout};
 use crate::progress::{CancelToken, Progress};
 use crate::sensor::{Noise, SensorError};
+use crate::studies::comparison::record::StudyRecord;
+use crate::studies::comparison::run::{Study, StudyEvent};
+use crate::studies::comparison::settings::{StudyDesign, StudyObjects, StudySettings};
 use crate::studies::error::StudyError;
-use crate::studies::record::StudyRecord;
-use crate::studies::run::{Study, StudyEvent};
-use crate::studies::settings::{StudyDesign, StudyObjects, StudySettings};
 
 /// An estimate of this many bits per pixel.
 pub(super) fn estimated(bits: f64, ceiling: Option<f64>) -> Estimate {

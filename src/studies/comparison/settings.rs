@@ -15,13 +15,6 @@ use crate::sensor::Noise;
 use crate::studies::error::StudyError;
 use crate::studies::published::{Published, PublishedSet, heuristic_lenslets, published};
 
-/// Bead densities of the published grid.
-const GRID_DENSITIES: [f64; 4] = [0.008, 0.02, 0.05, 0.11];
-/// Lenslets of the published grid.
-const GRID_LENSLETS: [usize; 5] = [1, 2, 4, 6, 9];
-/// Side of the published patch, pixels.
-const PATCH_SIDE: usize = 32;
-
 /// The kind of a study. Only grids are made now; earlier versions wrote the others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -132,27 +125,6 @@ pub struct StudySettings {
 }
 
 impl StudySettings {
-    /// The published grid: five heuristic layouts imaging beads of four densities, shot noise, patches of 32 x 32 px.
-    pub fn grid() -> Self {
-        let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
-        let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
-        Self {
-            kind: StudyKind::Grid,
-            objects: GRID_DENSITIES.iter().map(beads).collect(),
-            designs: GRID_LENSLETS.iter().map(|&count| StudyDesign::heuristic(count)).collect(),
-            patches: vec![Some((PATCH_SIDE, PATCH_SIDE))],
-            estimator: Estimator::Causal,
-            budget_seconds: Estimator::Causal.default_budget().map(|budget| budget.as_secs_f64()),
-            patches_train: 10_000,
-            patches_test: 1_500,
-            fresh: false,
-            noise,
-            mean_photons,
-            bias_photons,
-            seed,
-        }
-    }
-
     /// Number of cells.
     pub fn cells(&self) -> usize {
         self.objects.len() * self.designs.len() * self.patches.len()
@@ -277,7 +249,7 @@ impl PlannedCell<'_> {
 }
 
 /// Refuses names that are missing or given twice.
-pub(super) fn check_distinct(what: &'static str, names: Vec<String>) -> Result<(), StudyError> {
+pub(in crate::studies) fn check_distinct(what: &'static str, names: Vec<String>) -> Result<(), StudyError> {
     let mut seen = HashSet::new();
     let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
     match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {
@@ -293,6 +265,30 @@ pub(super) fn patch_name(patch: Option<(usize, usize)>) -> String {
 
 fn joined(names: impl Iterator<Item = String>) -> String {
     names.collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+impl StudySettings {
+    /// The published grid: five heuristic layouts imaging beads of four densities, shot noise, patches of 32 x 32 px.
+    pub(in crate::studies) fn grid() -> Self {
+        let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
+        let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
+        Self {
+            kind: StudyKind::Grid,
+            objects: [0.008, 0.02, 0.05, 0.11].iter().map(beads).collect(),
+            designs: [1, 2, 4, 6, 9].map(StudyDesign::heuristic).into(),
+            patches: vec![Some((32, 32))],
+            estimator: Estimator::Causal,
+            budget_seconds: Estimator::Causal.default_budget().map(|budget| budget.as_secs_f64()),
+            patches_train: 10_000,
+            patches_test: 1_500,
+            fresh: false,
+            noise,
+            mean_photons,
+            bias_photons,
+            seed,
+        }
+    }
 }
 
 #[cfg(test)]

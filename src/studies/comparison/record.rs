@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{BoundMethod, Estimate, NUMBERS_VERSION, PairedDifference};
 use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::studies::comparison::settings::{PlannedCell, StudySettings, patch_name};
+use crate::studies::comparison::summary::StudySummary;
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
 use crate::studies::published::Published;
-use crate::studies::settings::{PlannedCell, StudySettings, patch_name};
-use crate::studies::summary::StudySummary;
 
 /// The kind of the file.
 const STUDY: DocumentKind = DocumentKind::new("lenslet-studio/study", "a study").at_version(MASK_DOCUMENT_VERSION);

@@ -10,11 +10,11 @@ use crate::formats::{create_folder, lock_folder, write_csv_text, write_safely};
 use crate::forward::{Design, open_set};
 use crate::information::{Estimate, PairedDifference, TestPatches};
 use crate::progress::Progress;
+use crate::studies::comparison::record::{StudyCell, StudyRecord};
+use crate::studies::comparison::settings::{PlannedCell, StudySettings};
+use crate::studies::comparison::tables::{CSV_HEADER, csv_row, markdown};
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
-use crate::studies::record::{StudyCell, StudyRecord};
-use crate::studies::settings::{PlannedCell, StudySettings};
-use crate::studies::tables::{CSV_HEADER, csv_row, markdown};
 
 /// The file that holds a study; the others are made from it.
 pub const RECORD: &str = "study.json";
