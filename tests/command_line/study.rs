@@ -117,7 +117,7 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
     assert_eq!(published(sets, "c"), ["0.611", ""]);
     // Gaussian bounds of beads decrease with the number of lenslets. Published values of sparse ones increase.
     let masks = "--mask heuristic:1 --mask heuristic:4 --mask heuristic:9";
-    let told = bench.done(&format!(
+    let output = bench.done(&format!(
         "study run grid --estimator gaussian --patches-train 2000 --patches-test 200 --objects beads:0.008 {masks} --out e"
     ));
     for part in [
@@ -125,7 +125,7 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
         "0 of 3 estimates at most the published value + 0.02 bits per pixel",
         "3 estimates above the entropy bound",
     ] {
-        assert!(told.contains(part), "{part} in {told}");
+        assert!(output.contains(part), "{part} in {output}");
     }
 }
 
@@ -134,8 +134,8 @@ fn tasks_of_a_job_array_share_a_folder() {
     let bench = Bench::new();
     let grid = format!("{TINY} --objects beads:0.02 --mask heuristic:1 --mask heuristic:2 --mask heuristic:4");
     bench.done(&format!("study run grid {grid} --out whole"));
-    let told = bench.done(&format!("study sbatch grid {grid} --out shared --shards 2 --cpus 1"));
-    assert!(told.contains("3 cells in 2 tasks"), "{told}");
+    let output = bench.done(&format!("study sbatch grid {grid} --out shared --shards 2 --cpus 1"));
+    assert!(output.contains("3 cells in 2 tasks"), "{output}");
     assert!(bench.refused("study missing whole --sbatch").contains("found none; write one with study sbatch"));
     let missing = bench.done("study missing shared --sbatch");
     assert!(missing.starts_with("sbatch --array=0-1 "), "{missing}");
@@ -186,9 +186,12 @@ fn a_cell_that_fails_has_its_sentence_and_the_others_go_on() {
     for _ in 0..2 {
         let output = bench.run(format!("{line} --json").split_whitespace());
         assert_eq!(output.status.code(), Some(1));
-        let told = text(&output.stderr);
-        assert!(told.contains("found 1 of 3 failed") && told.contains("do not fit measurements of 65 x 65"), "{told}");
-        assert!(!told.contains("panicked"), "{told}");
+        let errors = text(&output.stderr);
+        assert!(
+            errors.contains("found 1 of 3 failed") && errors.contains("do not fit measurements of 65 x 65"),
+            "{errors}"
+        );
+        assert!(!errors.contains("panicked"), "{errors}");
         let study: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!((cells(&study).len(), &study["failed"]), (2, &json!(1)));
     }
@@ -235,8 +238,8 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("table .", "no plan.toml"),
         ("sbatch grid --shards 0 --out out", "--shards 0"),
     ] {
-        let told = bench.refused(&format!("study {line}"));
-        assert!(told.contains(part), "{line}: {part:?} in {told}");
+        let sentence = bench.refused(&format!("study {line}"));
+        assert!(sentence.contains(part), "{line}: {part:?} in {sentence}");
     }
     bench.write("file", "x");
     assert!(bench.refused("study run grid --estimator gaussian --out file").contains("found a file"));

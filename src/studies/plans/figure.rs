@@ -86,8 +86,8 @@ impl Series {
     /// largest estimate otherwise.
     pub fn optimum(&self) -> Option<(&Point, f64)> {
         let proves = self.points.iter().all(|point| point.lower.is_some());
-        let worth = |point: &Point| point.lower.filter(|_| proves).unwrap_or(point.bits);
-        let points = self.points.iter().map(|point| (point, worth(point)));
+        let score = |point: &Point| point.lower.filter(|_| proves).unwrap_or(point.bits);
+        let points = self.points.iter().map(|point| (point, score(point)));
         points.max_by(|(_, one), (_, other)| one.total_cmp(other))
     }
 }

@@ -39,7 +39,7 @@ pub(super) fn designed(
         ideal = ideal.resumed(&bytes).or_else(|_| new())?;
     }
     while !ideal.is_finished() {
-        let mut at = |progress: &IdealProgress<'_>| report(&format!("design: {}", said(progress, steps)));
+        let mut at = |progress: &IdealProgress<'_>| report(&format!("design: {}", step_text(progress, steps)));
         ideal.advance(&mut at).map_err(EvaluationError::from)?;
         let bytes = ideal.to_bytes().map_err(EvaluationError::from)?;
         write_safely(&state_file, |writer| writer.write_all(&bytes))?;
@@ -63,7 +63,7 @@ fn settings_of(cell: &CellSettings, freedom: Freedom, design: &Design) -> IdealS
 }
 
 /// The current step of a run, for people.
-fn said(progress: &IdealProgress<'_>, steps: usize) -> String {
+fn step_text(progress: &IdealProgress<'_>, steps: usize) -> String {
     let step = progress.state.step;
     match progress.phase {
         Some((phase, share)) => format!("step {step} of {steps}, {phase}, {:.0} %", 100.0 * share),

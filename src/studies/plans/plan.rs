@@ -57,9 +57,9 @@ pub struct Plan {
 pub struct PlotSettings {
     /// What lies along x.
     pub x: Facet,
-    /// What tells the lines apart.
+    /// What distinguishes the lines.
     pub lines: Facet,
-    /// What tells the panels apart, where there are several.
+    /// What distinguishes the panels, where there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub panels: Option<Facet>,
     /// Whether x is logarithmic.

@@ -156,9 +156,9 @@ fn files_that_are_cut_old_or_of_another_cell_are_computed_again() {
     std::fs::write(folder.cell_file(1), text(1).replacen("\"format_version\": 1", "\"format_version\": 7", 1)).unwrap();
     std::fs::write(folder.cell_file(2), text(3)).unwrap();
     let states = folder.states().unwrap();
-    let said: Vec<&str> = states.iter().filter_map(CellState::failure).collect();
-    assert_eq!(said.len(), 3);
-    assert!(said[1].contains("newer") && said[2].contains("found another"), "{said:?}");
+    let reasons: Vec<&str> = states.iter().filter_map(CellState::failure).collect();
+    assert_eq!(reasons.len(), 3);
+    assert!(reasons[1].contains("newer") && reasons[2].contains("found another"), "{reasons:?}");
     assert!(StudyTable::new(&folder, &states).markdown().contains("3 unusable"));
     assert_eq!(computed(&folder, Shard::default()), 3);
     assert_eq!(rows(&folder), before);
