@@ -187,6 +187,11 @@ impl ColourChoice {
         Ok(ChosenFrames::of(stack, colour, |array| vec![array]))
     }
 
+    /// Whether both greens of a mosaic are summed.
+    pub fn sums_greens(self) -> bool {
+        self.pattern().is_some() && matches!(self.channel, None | Some(ColourChannel::Green))
+    }
+
     /// The Bayer pattern; `None` where frames are no mosaics.
     fn pattern(self) -> Option<BayerPattern> {
         let is_of_mosaic = self.channel.is_some_and(ColourChannel::is_of_mosaic);

@@ -8,7 +8,7 @@ use super::series::{FrameGroup, FrameSeries, Grouping};
 use crate::formats::{FormatError, ImageFile, image_files};
 
 /// Words in the name of a group without light.
-const DARK: [&str; 4] = ["dark", "bias", "black", "noir"];
+const DARK: [&str; 3] = ["dark", "bias", "black"];
 
 /// Finds the groups of a folder.
 pub(super) fn group(folder: &ImageFile) -> Result<FrameSeries, CameraError> {

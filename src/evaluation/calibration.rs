@@ -7,9 +7,6 @@ use crate::evaluation::measured_error::MeasuredError;
 use crate::plural::counted;
 use crate::sensor::Noise;
 
-/// Largest distance of grey values that read noise hides, in its standard deviations.
-const MOST_STEP: f64 = 2.0;
-
 /// Conversion of grey values to photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
 ///
 /// Sums keep the statistics of shot noise: the sum of Poisson counts is Poisson distributed, their mean is not.
@@ -70,32 +67,5 @@ impl Calibration {
         let sum = if bin > 1 { format!(", summed over {bin} x {bin} pixels") } else { String::new() };
         let inverse = (1e5 / gain).round() / 1e5;
         format!("photons are (grey level - {offset}) / {gain} ({} per DN){sum}", counted(inverse, "photon"))
-    }
-
-    /// Photons of one grey value.
-    fn step(&self) -> f64 {
-        1.0 / self.gain
-    }
-
-    /// The noise of the upper bound for whole grey values. Read noise that is too weak to hide the steps is left out, as
-    /// [`Noise::bounding`] does it for whole counts. Read noise only takes information from whole values.
-    pub(crate) fn bounding(&self, noise: Noise) -> Noise {
-        match noise {
-            Noise::ShotRead { sigma } if self.step() > MOST_STEP * sigma => Noise::Shot,
-            other => other,
-        }
-    }
-
-    /// A warning where whole grey values are coarse beside the noise.
-    pub(crate) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
-        let (step, read) = (self.step(), MOST_STEP * noise.read_sigma().unwrap_or(0.0));
-        // Shot noise hides steps of a photon.
-        let hidden = if noise.has_shot_noise() { read.max(1.0) } else { read };
-        (step > hidden).then(|| {
-            format!(
-                "one grey level is {step:.3} photons: steps that coarse can be told apart by a flexible model, so that the \
-                 number may fall below the information"
-            )
-        })
     }
 }

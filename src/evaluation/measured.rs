@@ -32,6 +32,8 @@ use crate::progress::Progress;
 use crate::seeds::SeedStream;
 use crate::sensor::{Noise, Patches, SensorError};
 
+/// Largest distance of grey values that read noise hides, in its standard deviations.
+const MOST_STEP: f64 = 2.0;
 /// One image in this many is held out for the test patches.
 const TEST_SHARE: usize = 5;
 /// One training image in this many is held out for early stopping of the causal model, and the number of validation patches.
@@ -98,8 +100,32 @@ pub struct MeasuredImages {
 pub(crate) struct LevelLimit {
     /// Bits per pixel.
     pub(crate) bits: f64,
-    /// Photons of one step.
+    /// Photons of one step of the grey values.
     pub(crate) step: f64,
+}
+
+impl LevelLimit {
+    /// The noise of the upper bound for whole grey values. Read noise that is too weak to hide the steps is left out, as
+    /// [`Noise::bounding`] does it for whole counts. Read noise only takes information from whole values.
+    pub(crate) fn bounding(&self, noise: Noise) -> Noise {
+        match noise {
+            Noise::ShotRead { sigma } if self.step > MOST_STEP * sigma => Noise::Shot,
+            other => other,
+        }
+    }
+
+    /// A warning where whole grey values are coarse beside the noise.
+    pub(crate) fn warn_of_steps(&self, noise: Noise) -> Option<String> {
+        let (step, read) = (self.step, MOST_STEP * noise.read_sigma().unwrap_or(0.0));
+        // Shot noise hides steps of a photon.
+        let hidden = if noise.has_shot_noise() { read.max(1.0) } else { read };
+        (step > hidden).then(|| {
+            format!(
+                "one grey level is {step:.3} photons: steps that coarse can be distinguished by a flexible model, so that the \
+                 number may fall below the information"
+            )
+        })
+    }
 }
 
 /// Noise, light and seed of an estimate.
@@ -223,7 +249,7 @@ impl MeasuredImages {
         let MeasuredConditions { noise: stated, light, seed } = conditions;
         let mut notes = self.notes.clone();
         // Whole grey values limit the information, but not that of fresh noise.
-        let steps = self.limit.filter(|_| light.is_none()).map(|_| self.calibration);
+        let steps = self.limit.filter(|_| light.is_none());
         notes.extend(steps.and_then(|steps| steps.warn_of_steps(stated)));
         let noise = match steps {
             Some(steps) if request.protocol == Protocol::Default => steps.bounding(stated),

@@ -13,6 +13,11 @@ use crate::sensor::SensorError;
 /// Reasons why measurements have no estimate.
 #[derive(Debug, Error)]
 pub enum MeasuredError {
+    /// A camera, dark or flat images of one plane for two planes of a mosaic.
+    #[error(
+        "expected one plane of the mosaics, as camera, dark and flat images belong to one, found both greens; give --channel g1 or g2"
+    )]
+    TwoGreens,
     /// The text names no measurements.
     #[error("measurements \"{text}\": expected a file or folder of images, or stack:FILE or images:FOLDER")]
     Source {

@@ -112,6 +112,10 @@ impl MeasuredOptions {
     /// Calibration of the pixels from all sources; dark and flat images go before the maps of the camera.
     fn pixels(&self) -> Result<PixelCalibration, MeasuredError> {
         self.calibration.check()?;
+        let has_maps = self.camera.is_some() || self.dark.is_some() || self.flat.is_some();
+        if has_maps && self.colour.sums_greens() {
+            return Err(MeasuredError::TwoGreens);
+        }
         let mut pixels = match &self.camera {
             Some(path) => PixelCalibration::of_camera(&CalibratedCamera::open(path)?, self.calibration.bin),
             None => PixelCalibration::constant(self.calibration),

@@ -200,6 +200,9 @@ fn colour_takes_one_channel_or_plane_with_a_note() {
     assert!(bits(&both).abs() < 0.05 && has_note(&both, "both greens, summed"), "{both}");
     let one = bench.json(&format!("{LINE} --measurements mosaic.npy --channel g1"));
     assert!(bits(&one).abs() < 0.08 && has_note(&one, "the G1 pixels of raw RGGB mosaics"), "{one}");
+    // Dark images belong to one plane.
+    let greens = format!("{LINE} --measurements mosaic.npy --dark mosaic.npy");
+    assert!(bench.refused(&format!("{greens} --bayer RGGB")).contains("give --channel g1 or g2"));
     assert!(bench.refused("estimate --channel red").contains("are for --measurements"));
 }
 
