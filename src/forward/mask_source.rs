@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::formats::{ImageFile, path_text, split_kind};
+use crate::formats::{ImageFile, path_text, split_kind, text_form};
 use crate::forward::{Design, DesignFileError};
 use crate::objects::ObjectSource;
 use crate::optics::{
@@ -179,7 +179,7 @@ impl MaskSource {
             Self::Fit(path, side) => {
                 let OpenedMask { encoder, mut notices } = image_of(path, *side)?;
                 let fitted = fit_lenslets(&encoder)?;
-                notices.push(format!("{}: {}", path.display(), fitted.in_words()));
+                notices.push(format!("{}: {}", path.display(), fitted.summary()));
                 Ok(OpenedMask { encoder: Encoder::Lenslets(fitted.array), notices })
             }
         }
@@ -209,19 +209,7 @@ impl FromStr for MaskSource {
     }
 }
 
-impl TryFrom<String> for MaskSource {
-    type Error = MaskError;
-
-    fn try_from(text: String) -> Result<Self, MaskError> {
-        text.parse()
-    }
-}
-
-impl From<MaskSource> for String {
-    fn from(source: MaskSource) -> Self {
-        source.to_string()
-    }
-}
+text_form!(MaskSource);
 
 impl fmt::Display for MaskSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -8,7 +8,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::ObjectError;
-use crate::formats::{ImageFile, image_files, path_text, split_kind};
+use crate::formats::{ImageFile, image_files, path_text, split_kind, text_form};
 
 /// Largest number of depth planes of a volume.
 const MOST_PLANES: usize = 64;
@@ -197,19 +197,7 @@ impl ObjectSource {
     }
 }
 
-impl TryFrom<String> for ObjectSource {
-    type Error = ObjectError;
-
-    fn try_from(text: String) -> Result<Self, ObjectError> {
-        text.parse()
-    }
-}
-
-impl From<ObjectSource> for String {
-    fn from(source: ObjectSource) -> Self {
-        source.to_string()
-    }
-}
+text_form!(ObjectSource);
 
 #[cfg(test)]
 mod tests {

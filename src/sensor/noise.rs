@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::poisson::sample_poisson;
+use crate::formats::text_form;
 
 /// Least and greatest standard deviation of read noise, photons.
 const LEAST_SIGMA: f64 = 1e-6;
@@ -131,19 +132,7 @@ impl FromStr for Noise {
     }
 }
 
-impl TryFrom<String> for Noise {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
-    }
-}
-
-impl From<Noise> for String {
-    fn from(noise: Noise) -> Self {
-        noise.to_string()
-    }
-}
+text_form!(Noise);
 
 #[cfg(test)]
 mod tests {

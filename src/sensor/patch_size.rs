@@ -5,6 +5,8 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+use crate::formats::text_form;
+
 /// Rows and columns of a patch: `32`, `16x24`, or `sensor` for the whole measurement.
 ///
 /// ```
@@ -50,19 +52,7 @@ impl FromStr for PatchSize {
     }
 }
 
-impl TryFrom<String> for PatchSize {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
-    }
-}
-
-impl From<PatchSize> for String {
-    fn from(patch: PatchSize) -> Self {
-        patch.to_string()
-    }
-}
+text_form!(PatchSize);
 
 impl fmt::Display for PatchSize {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::estimates::EstimateSettings;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
-use crate::formats::{DocumentKind, content_key, json_of};
+use crate::formats::{DocumentKind, content_key, json_of, text_form};
 use crate::forward::{Design, MaskError, MaskSource};
 use crate::information::{EngineChoice, Estimate, Estimator, NoiseEntropy, TestPatches};
 use crate::objects::ObjectSource;
@@ -109,19 +109,7 @@ impl FromStr for StudyMask {
     }
 }
 
-impl TryFrom<String> for StudyMask {
-    type Error = MaskError;
-
-    fn try_from(text: String) -> Result<Self, MaskError> {
-        text.parse()
-    }
-}
-
-impl From<StudyMask> for String {
-    fn from(mask: StudyMask) -> Self {
-        mask.to_string()
-    }
-}
+text_form!(StudyMask);
 
 impl fmt::Display for StudyMask {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
