@@ -111,15 +111,13 @@ pub(crate) struct StudyQueue {
     entry: Option<ActivityHandle>,
     waiting: Option<StudyTask>,
     running: Option<CancelToken>,
-    is_paused: bool,
     view: StudyView,
 }
 
 impl StudyQueue {
     /// An empty queue.
     pub fn new(activities: Activities) -> Self {
-        let view = StudyView::default();
-        Self { activities, entry: None, waiting: None, running: None, is_paused: false, view }
+        Self { activities, entry: None, waiting: None, running: None, view: StudyView::default() }
     }
 
     /// Opens a study, or begins a plan.
@@ -143,7 +141,7 @@ impl StudyQueue {
         let entry = self.activities.add(ActivityKind::Study, format!("Study {}", open.folder.plan().name));
         entry.begin();
         self.waiting = Some(StudyTask::Run(Arc::clone(&open.folder)));
-        (self.entry, self.is_paused) = (Some(entry), false);
+        self.entry = Some(entry);
         self.view.status = Some(StudyStatus::Running);
     }
 
@@ -152,7 +150,6 @@ impl StudyQueue {
         if !self.view.is_active() {
             return;
         }
-        self.is_paused = pause;
         self.view.status = Some(if pause { StudyStatus::Paused } else { StudyStatus::Running });
         if let Some(entry) = &self.entry {
             entry.pause(pause);
@@ -161,7 +158,7 @@ impl StudyQueue {
 
     /// Whether the study waits until it is resumed.
     pub fn is_paused(&self) -> bool {
-        self.is_paused
+        self.view.status == Some(StudyStatus::Paused)
     }
 
     /// Stops the study. Finished cells and the state of the running one stay in the folder.
@@ -169,7 +166,6 @@ impl StudyQueue {
         if !self.view.is_active() {
             return;
         }
-        self.is_paused = false;
         if let Some(cancel) = &self.running {
             cancel.cancel();
         }

@@ -39,16 +39,10 @@ fn train(
         TrainingScope::AnyMask => TrainingMasks::any(&design.encoder)?,
     };
     let mut woken = Instant::now();
-    let mut validated = None;
     let mut on_step = |step: &TrainingStep| {
-        mailbox.change(|queue| {
-            // A stopped training has ended for the window, which may have ordered another one.
-            if !cancel.is_cancelled() {
-                queue.note(step);
-            }
-        });
-        let is_news = std::mem::replace(&mut validated, step.validation) != step.validation;
-        if is_news || woken.elapsed() >= WAKE_EVERY {
+        // A stopped training has ended for the window, which may have ordered another one.
+        let is_validation = mailbox.change(|queue| !cancel.is_cancelled() && queue.note(step));
+        if is_validation || woken.elapsed() >= WAKE_EVERY {
             woken = Instant::now();
             mailbox.wake();
         }

@@ -127,7 +127,8 @@ impl Training {
         matches!(self.status, TrainingStatus::Preparing | TrainingStatus::Running | TrainingStatus::Paused)
     }
 
-    fn note(&mut self, step: &TrainingStep) {
+    /// Receives a step. Returns whether it brings a validation.
+    fn note(&mut self, step: &TrainingStep) -> bool {
         (self.steps, self.done) = (step.steps, step.done);
         let left = match self.order.budget {
             TrainingBudget::Seconds(budget) => budget - step.seconds,
@@ -143,10 +144,12 @@ impl Training {
                 losses.retain(|point| point.steps.is_multiple_of(self.stride));
             }
         }
-        if let Some(validation) = step.validation.filter(|point| self.validations.last() != Some(point)) {
+        let validation = step.validation.filter(|point| self.validations.last() != Some(point));
+        if let Some(validation) = validation {
             Arc::make_mut(&mut self.validations).push(validation);
             self.best.clone_from(&step.best);
         }
+        validation.is_some()
     }
 }
 
@@ -173,15 +176,13 @@ pub(crate) struct TrainingQueue {
     entry: Option<ActivityHandle>,
     waiting: Option<TrainingOrder>,
     running: Option<CancelToken>,
-    is_paused: bool,
     trainings: Trainings,
 }
 
 impl TrainingQueue {
     /// An empty queue.
     pub fn new(activities: Activities) -> Self {
-        let trainings = Trainings::default();
-        Self { activities, entry: None, waiting: None, running: None, is_paused: false, trainings }
+        Self { activities, entry: None, waiting: None, running: None, trainings: Trainings::default() }
     }
 
     /// Orders a training.
@@ -195,7 +196,7 @@ impl TrainingQueue {
         let entry = self.activities.add(ActivityKind::Training, order.name());
         entry.begin();
         entry.report("Preparing", None, None);
-        (self.entry, self.is_paused) = (Some(entry), false);
+        self.entry = Some(entry);
         self.trainings.newest = Some(Training::new(order.clone()));
         self.waiting = Some(order);
         Ok(())
@@ -204,7 +205,6 @@ impl TrainingQueue {
     /// Pauses or resumes the training, from its next step on.
     pub fn pause(&mut self, pause: bool) {
         let Some(training) = self.trainings.newest.as_mut().filter(|training| training.is_active()) else { return };
-        self.is_paused = pause;
         training.status = match (pause, training.steps) {
             (true, _) => TrainingStatus::Paused,
             (false, 0) => TrainingStatus::Preparing,
@@ -217,12 +217,11 @@ impl TrainingQueue {
 
     /// Whether the training waits until it is resumed.
     pub fn is_paused(&self) -> bool {
-        self.is_paused
+        self.trainings.newest.as_ref().is_some_and(|training| training.status == TrainingStatus::Paused)
     }
 
     /// Stops the training. The best weights so far are kept.
     pub fn stop(&mut self) {
-        self.is_paused = false;
         if let Some(cancel) = &self.running {
             cancel.cancel();
         }
@@ -230,17 +229,20 @@ impl TrainingQueue {
         self.finish(TrainingEnd::Stopped);
     }
 
-    /// Receives a step.
-    pub fn note(&mut self, step: &TrainingStep) {
-        let Some(training) = self.trainings.newest.as_mut().filter(|training| training.is_active()) else { return };
-        training.note(step);
-        if !self.is_paused {
+    /// Receives a step. Returns whether it brings a validation.
+    pub fn note(&mut self, step: &TrainingStep) -> bool {
+        let Some(training) = self.trainings.newest.as_mut().filter(|training| training.is_active()) else {
+            return false;
+        };
+        let is_validation = training.note(step);
+        if training.status != TrainingStatus::Paused {
             training.status = TrainingStatus::Running;
         }
         if let Some(entry) = &self.entry {
             let validated = step.validation.map_or(String::new(), |point| format!(", {:.2} dB", point.psnr_db));
             entry.report(&format!("Step {}{validated}", step.steps), Some(step.done), training.left);
         }
+        is_validation
     }
 
     /// The networks of the session, to change them.
