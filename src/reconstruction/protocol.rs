@@ -347,7 +347,7 @@ impl TestScores {
 }
 
 /// Photons in units of the peak.
-fn in_units_of<D: Dimension>(peak: f64, photons: ArrayView<'_, f32, D>) -> Array<f32, D> {
+pub(crate) fn in_units_of<D: Dimension>(peak: f64, photons: ArrayView<'_, f32, D>) -> Array<f32, D> {
     photons.mapv(|value| (f64::from(value) / peak) as f32)
 }
 

@@ -75,7 +75,7 @@ pub struct TrainingStep {
     pub validation: Option<TrainingPoint>,
     /// Number of times that training diverged and resumed from averaged weights at half the rate.
     pub restarts: usize,
-    /// The network of the best weights so far, from the first validation on; of a network on top of the linear estimate alone.
+    /// The network of the best weights so far, on top of the linear estimate; none before the first validation.
     pub best: Option<Arc<TrainedNetwork>>,
 }
 

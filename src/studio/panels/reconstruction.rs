@@ -20,7 +20,7 @@ use crate::studio::state::samples::{SamplesState, Side};
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::studio::widgets::format::format_significant;
-use crate::workbench::{NetworkFit, Reconstruction, ReconstructionKey, SeenRegion, SetQuality, reconstruct_command};
+use crate::workbench::{Reconstruction, ReconstructionKey, SeenRegion, SetQuality, reconstruct_command};
 
 /// Size of the numbers, points.
 const NUMBERS: f32 = 12.5;
@@ -32,26 +32,26 @@ const NO_FILE: &str = "the weights of this network are in no file; save the desi
 pub fn show(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: &mut Vec<Request>) {
     requests.push(Request::Reconstruct);
     let key = samples.reconstruction_key(view.revision, &view.trainings.networks);
+    let is_network = key.decoder == DecoderKind::Network;
     let shown = view.reconstructions.shown.as_deref();
     toolbar(ui, |ui| {
         method(ui, &mut samples.reconstruction.decoder);
         samples.reconstruction.view_mut().colour_controls(ui, view.palettes);
         switches(ui, &mut samples.reconstruction, shown);
-        if key.decoder == DecoderKind::Network {
+        if is_network {
             training::switch(ui, &mut samples.reconstruction.training, shown, view);
         }
         more(ui, key, view, requests);
     });
-    if key.decoder == DecoderKind::Network {
+    if is_network {
         let is_current = shown.is_some_and(|shown| shown.key.has_decoder_of(&key));
         training::show(ui, &mut samples.reconstruction.training, shown, is_current, view, requests);
     }
-    let has_curves = key.decoder == DecoderKind::Network && samples.reconstruction.training.curves;
     if let Some((_, failure)) = view.reconstructions.failure.as_ref().filter(|(failed, _)| *failed == key) {
         ui.colored_label(ui.visuals().error_fg_color, failure);
         return;
     }
-    if has_curves {
+    if is_network && samples.reconstruction.training.curves {
         Curves::of(shown, view).show(ui, &mut samples.reconstruction.training);
         return;
     }
@@ -139,12 +139,10 @@ fn more(ui: &mut Ui, key: ReconstructionKey, view: &View<'_>, requests: &mut Vec
                 requests.push(Request::AskPath(PathPurpose::OpenWeights));
                 ui.close();
             }
-            let network = shown.and_then(|shown| match &shown.network {
-                Some(NetworkFit::Current(network)) => Some(Arc::clone(network)),
-                _ => None,
-            });
+            let network = shown.and_then(Reconstruction::trained_network);
             if ui.add_enabled(network.is_some(), egui::Button::new("Export weights...")).clicked() {
-                requests.extend(network.map(|network| Request::AskPath(PathPurpose::ExportWeights(network))));
+                let export = |network| Request::AskPath(PathPurpose::ExportWeights(Arc::clone(network)));
+                requests.extend(network.map(export));
                 ui.close();
             }
         }
@@ -161,11 +159,8 @@ fn command(
     test_objects: usize,
 ) -> Result<String, String> {
     let decoder = shown.map_or(key.decoder, Reconstruction::decoder);
-    let network = shown.and_then(|shown| shown.network.as_ref());
-    let weights = match network {
-        Some(NetworkFit::Current(network)) => Some(view.trainings.networks.file_of(network).ok_or(NO_FILE)?),
-        _ => None,
-    };
+    let network = shown.and_then(Reconstruction::trained_network);
+    let weights = network.map(|network| view.trainings.networks.file_of(network).ok_or(NO_FILE)).transpose()?;
     reconstruct_command(view.design, decoder, weights, test_objects)
 }
 
@@ -227,17 +222,13 @@ fn numbers_json(shown: &Reconstruction, set: Option<&SetQuality>, view: &View<'_
     let image = shown.quality.map(
         |quality| json!({ "psnr_db": quality.psnr_db(), "ssim": quality.ssim, "mse": quality.mse, "r2": quality.r2 }),
     );
-    let network = match &shown.network {
-        Some(NetworkFit::Current(network)) => Some(network),
-        _ => None,
-    };
     let numbers = json!({
         "format": "lenslet-studio/reconstruction-numbers",
         "format_version": 1,
         "program_version": NUMBERS_VERSION,
         "design": &**view.design,
         "decoder": shown.decoder(),
-        "network": network.map(|network| &network.training),
+        "network": shown.trained_network().map(|network| &network.training),
         "sample": shown.key.sample + 1,
         "noisy": shown.key.noisy,
         "peak_photons": shown.peak_photons,

@@ -13,7 +13,7 @@ use crate::objects::ObjectSet;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Decoder, DecoderKind, DecoderQuality, DecoderScene, ImageQuality, ImagingModel, NetworkDecoder, PreparedDecoder,
-    Prior, ReconstructionError, ReconstructionStep, TestScores,
+    Prior, ReconstructionError, ReconstructionStep, TestScores, in_units_of,
 };
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::reconstructions::networks::NetworkFit;
@@ -169,16 +169,11 @@ impl Ready {
         };
         let object = self.decoder.reconstruct_one(request.measurement(), &mut on_progress)?;
         // Small images have no numbers.
-        let quality = ImageQuality::of(self.to_truth(truth.view()).view(), self.to_truth(object.view()).view()).ok();
+        let [expected, found] = [truth.view(), object.view()].map(|photons| in_units_of(peak_photons, photons));
+        let quality = ImageQuality::of(expected.view(), found.view()).ok();
         let complete = reconstruction(Arc::new(object), None, quality);
         mailbox.publish(|queue| queue.publish(complete));
         Ok(())
-    }
-
-    /// Photons in units of the peak.
-    fn to_truth(&self, photons: ArrayView2<'_, f32>) -> Array2<f32> {
-        let peak = self.scene.set.peak();
-        photons.mapv(|value| (f64::from(value) / peak) as f32)
     }
 
     /// Adds the next part of the test set.

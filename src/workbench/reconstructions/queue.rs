@@ -7,7 +7,7 @@ use ndarray::{Array2, ArrayView2, Axis};
 use crate::evaluation::scene::{Measurements, Optics, Scene};
 use crate::forward::Design;
 use crate::progress::CancelToken;
-use crate::reconstruction::{DecoderKind, DecoderQuality, ImageQuality};
+use crate::reconstruction::{DecoderKind, DecoderQuality, ImageQuality, TrainedNetwork};
 use crate::workbench::background::mailbox::Queue;
 use crate::workbench::reconstructions::networks::{NetworkFit, Networks};
 
@@ -111,6 +111,14 @@ impl Reconstruction {
     /// The decoder of the object: the linear one where no network serves the design.
     pub fn decoder(&self) -> DecoderKind {
         self.network.as_ref().map_or(self.key.decoder, NetworkFit::decoder)
+    }
+
+    /// The trained network of the object, where one serves the design.
+    pub fn trained_network(&self) -> Option<&Arc<TrainedNetwork>> {
+        match &self.network {
+            Some(NetworkFit::Current(network)) => Some(network),
+            _ => None,
+        }
     }
 }
 

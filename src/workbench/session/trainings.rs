@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use crate::reconstruction::{TrainedNetwork, TrainingBudget};
 use crate::workbench::jobs::job::Job;
-use crate::workbench::reconstructions::networks::{KnownNetwork, NetworkFit, weights_beside};
+use crate::workbench::reconstructions::networks::{KnownNetwork, weights_beside};
+use crate::workbench::reconstructions::queue::ReconstructionKey;
 use crate::workbench::session::Session;
 use crate::workbench::trainings::queue::{TrainingOrder, TrainingScope, Trainings};
 
@@ -68,15 +69,9 @@ impl Session {
 
     /// The network that is saved with the open design: the one that is known to serve it, or else the newest one of this document.
     pub(crate) fn network_to_save(&self) -> Option<Arc<TrainedNetwork>> {
-        let shown = self
-            .reconstructor
-            .results()
-            .shown
-            .filter(|shown| shown.key.revision == self.revision && self.open.is_none());
-        if let Some(NetworkFit::Current(network)) = shown.and_then(|shown| shown.network.clone()) {
-            return Some(network);
-        }
-        let document = self.document;
-        self.trainer.look(|all| all.networks.of_document(document).cloned())
+        let is_of_open = |key: ReconstructionKey| key.revision == self.revision && self.open.is_none();
+        let shown = self.reconstructor.results().shown.filter(|shown| is_of_open(shown.key));
+        let newest = || self.trainer.look(|all| all.networks.of_document(self.document).cloned());
+        shown.and_then(|shown| shown.trained_network().cloned()).or_else(newest)
     }
 }

@@ -10,7 +10,7 @@ use crate::studio::state::training_form::{TrainingCurve, TrainingForm};
 use crate::studio::state::view::View;
 use crate::studio::widgets::colours::{DENSITY, ENTROPY_BOUND};
 use crate::studio::widgets::controls::name_widget;
-use crate::workbench::{LossPoint, NetworkFit, Reconstruction};
+use crate::workbench::{LossPoint, Reconstruction};
 
 /// Size of the texts, points.
 const TEXT: f32 = 12.5;
@@ -37,16 +37,16 @@ pub struct Curves<'a> {
 impl<'a> Curves<'a> {
     /// Those of the last training of this session, or else those of the used network.
     pub fn of(shown: Option<&'a Reconstruction>, view: &View<'a>) -> Self {
-        match (&view.trainings.newest, shown.and_then(|shown| shown.network.as_ref())) {
+        match (&view.trainings.newest, shown.and_then(Reconstruction::trained_network)) {
             (Some(training), _) => Self {
                 losses: &training.losses,
                 validations: &training.validations,
                 linear_psnr_db: training.linear_psnr_db,
             },
-            (None, Some(NetworkFit::Current(network))) => {
+            (None, Some(network)) => {
                 Self { losses: &[], validations: &network.training.curve, linear_psnr_db: Some(network.linear_psnr_db) }
             }
-            _ => Self { losses: &[], validations: &[], linear_psnr_db: None },
+            (None, None) => Self { losses: &[], validations: &[], linear_psnr_db: None },
         }
     }
 
@@ -150,7 +150,7 @@ fn marks(input: GridInput) -> Vec<GridMark> {
     (first..=last).map(|index| GridMark { value: index as f64 * step, step_size: 2.5 * step }).collect()
 }
 
-/// Label of a mark, with the digits that tell it from its neighbours.
+/// Label of a mark, with the digits in which it differs from its neighbours.
 fn label(mark: GridMark, range: &RangeInclusive<f64>) -> String {
     let decimals = -mark_distance((*range.start(), *range.end())).log10().floor();
     format!("{:.*}", decimals.clamp(0.0, 12.0) as usize, mark.value)
