@@ -69,7 +69,7 @@ impl FittedLenslets {
     pub const MOST_SIDE: usize = 128;
 
     /// Summary of the fit in a sentence.
-    pub fn in_words(&self) -> String {
+    pub fn summary(&self) -> String {
         let count = self.array.lenslets.len();
         let (lenslets, stand) = (counted(count, "lenslet"), one_or_many(count, "stands", "stand"));
         format!("{lenslets} {stand} for the PSF, {:.1} % of whose light is elsewhere", 100.0 * self.misplaced)

@@ -292,7 +292,7 @@ impl Outcome {
             Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
             Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
             Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
-            Self::LensletsFitted { fitted, .. } => fitted.in_words(),
+            Self::LensletsFitted { fitted, .. } => fitted.summary(),
             Self::PsfImported { encoder, understood, .. } => format!("Using {}: {understood}", encoder.describe()),
             Self::Exported { files } => match files.as_slice() {
                 [file] => format!("Exported {}", file.display()),
