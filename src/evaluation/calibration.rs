@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::evaluation::measured_error::MeasuredError;
 use crate::plural::counted;
-use crate::sensor::Noise;
 
 /// Conversion of grey values to photons: `photons = (grey - offset) / gain`, then sums over bins of pixels.
 ///
