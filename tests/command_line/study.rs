@@ -225,7 +225,7 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("run grid --objects mnist --out out", "--set mnist=idx:FILE"),
         ("run grid --set mnist --out out", "NAME=SOURCE"),
         ("run grid --objects pearls:1 --out out", "pearls:1"),
-        ("run grid --estimator gaussian --budget 60s --out out", "leave it out"),
+        ("run grid --estimator gaussian --budget 60s --out out", "leave them out"),
         ("run grid --estimator magic --out out", "causal"),
         ("run grid --noise none --out out", "without noise"),
         ("run grid --patches-test 0 --out out", "patches_test: expected 2"),
