@@ -19,7 +19,7 @@ pub trait FitCheckpoint: Sync {
     /// Location of the checkpoint, for error messages.
     fn place(&self) -> String;
 
-    /// Time between two checkpoints.
+    /// Time between two checkpoints. A cancelled fit writes one more.
     fn every(&self) -> Duration {
         Duration::from_secs(20)
     }
@@ -158,5 +158,33 @@ impl FitCheckpoint for InMemory {
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
         *self.0.lock().unwrap() = Some(state.to_vec());
         Ok(())
+    }
+}
+
+/// Checkpoint in memory that only a cancelled fit writes, for tests.
+#[cfg(test)]
+#[derive(Default)]
+pub(in crate::information) struct OfCancelled(InMemory);
+
+#[cfg(test)]
+impl FitCheckpoint for OfCancelled {
+    fn key(&self) -> &str {
+        self.0.key()
+    }
+
+    fn place(&self) -> String {
+        self.0.place()
+    }
+
+    fn every(&self) -> Duration {
+        Duration::from_hours(24)
+    }
+
+    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
+        self.0.load()
+    }
+
+    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
+        self.0.store(state)
     }
 }

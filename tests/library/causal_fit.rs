@@ -109,9 +109,12 @@ fn a_fit_that_is_broken_off_late_has_not_learnt_by_heart_either() {
     assert!(guarded < blind - 0.05, "{guarded} {blind}");
 }
 
-/// Keeps the state of a fit in memory, as often as possible.
+/// Keeps the state of a fit in memory, as often as possible or after `every`.
 #[derive(Default)]
-struct InMemory(std::sync::Mutex<Option<Vec<u8>>>);
+struct InMemory {
+    state: std::sync::Mutex<Option<Vec<u8>>>,
+    every: std::time::Duration,
+}
 
 impl FitCheckpoint for InMemory {
     fn key(&self) -> &'static str {
@@ -123,15 +126,15 @@ impl FitCheckpoint for InMemory {
     }
 
     fn every(&self) -> std::time::Duration {
-        std::time::Duration::ZERO
+        self.every
     }
 
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        Ok(self.0.lock().unwrap().clone())
+        Ok(self.state.lock().unwrap().clone())
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        *self.0.lock().unwrap() = Some(state.to_vec());
+        *self.state.lock().unwrap() = Some(state.to_vec());
         Ok(())
     }
 }
@@ -163,11 +166,15 @@ fn a_stopped_fit_goes_on_bit_for_bit() {
     };
     let (whole, steps) = run(None, usize::MAX).unwrap();
     assert_eq!(steps, 150);
+    // A cancelled fit keeps its state when none is due, too.
+    let seldom = InMemory { every: std::time::Duration::from_hours(24), ..InMemory::default() };
+    for kept in [&InMemory::default(), &seldom] {
+        assert_eq!(run(Some(kept), 100), Err(InformationError::Cancelled));
+        let (resumed, steps) = run(Some(kept), usize::MAX).unwrap();
+        // Patches are drawn for 32 steps at a time.
+        assert_eq!((resumed, steps), (whole, 150 - 96));
+    }
     let kept = InMemory::default();
-    assert_eq!(run(Some(&kept), 100), Err(InformationError::Cancelled));
-    let (resumed, steps) = run(Some(&kept), usize::MAX).unwrap();
-    // Patches are drawn for 32 steps at a time.
-    assert_eq!((resumed, steps), (whole, 150 - 96));
     kept.store(b"something else").unwrap();
     assert!(run(Some(&kept), usize::MAX).unwrap_err().to_string().contains("safetensors"));
 }

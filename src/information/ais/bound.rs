@@ -216,7 +216,7 @@ fn bound(
     let levels = levels.unwrap_or_else(|| sampler.levels_within_budget(side, time));
     let mut kept = time.elapsed();
     loop {
-        let first = nats.len();
+        let (first, began) = (nats.len(), time.elapsed());
         nats.extend(sampler.block(first..first + REPORT.min(fit.samples - first), levels, side));
         if let Some(patch) = nats.iter().position(|nats| !nats.is_finite()).filter(|_| observer.poll().is_continue()) {
             return Err(InformationError::NotFinite { what: "posteriors of the beads", patch });
@@ -224,6 +224,10 @@ fn bound(
         let (mean, half_width) = mean_and_half_width(&nats, sampler.least_variance(), problem.pixels());
         let elapsed = time.elapsed();
         if observer.note(nats.len(), mean).is_break() {
+            // The last block may be incomplete.
+            if let Some(keeper) = keeper.filter(|_| first > 0) {
+                AisCheckpoint::keep(keeper, levels, &nats[..first], began)?;
+            }
             return Err(InformationError::Cancelled);
         }
         let late = fit.budget.is_some_and(|budget| elapsed >= budget);

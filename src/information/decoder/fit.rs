@@ -325,13 +325,14 @@ impl<'a> Run<'a> {
                 break;
             }
             self.course.step(self.fit, self.scene, decoder, passes, done)?;
+            let is_cancelled = progress.report(&self.progress(None)).is_break();
             if let Some(keeper) = self.keeper
-                && self.elapsed() >= kept + keeper.every()
+                && (is_cancelled || self.elapsed() >= kept + keeper.every())
             {
                 kept = self.elapsed();
                 self.course.keep(keeper, decoder, kept)?;
             }
-            if progress.report(&self.progress(None)).is_break() {
+            if is_cancelled {
                 return Err(InformationError::Cancelled);
             }
         }

@@ -142,7 +142,7 @@ mod tests {
     use std::ops::ControlFlow;
 
     use super::*;
-    use crate::information::fit_checkpoint::InMemory;
+    use crate::information::fit_checkpoint::{InMemory, OfCancelled};
     use crate::progress::CancelToken;
     use ndarray::array;
 
@@ -190,14 +190,18 @@ mod tests {
             (result, reported)
         };
         let (whole, whole_reported) = run(None, usize::MAX);
-        let keeper = InMemory::default();
-        let (stopped, before) = run(Some(&keeper), 5);
-        assert_eq!(stopped.unwrap_err(), InformationError::Cancelled);
-        let (resumed, after) = run(Some(&keeper), usize::MAX);
-        assert_eq!((after[0].step, after[0].training_bits), (6, whole_reported[5].training_bits));
-        assert!(after[0].elapsed > before[3].elapsed, "the time goes on, too: {after:?}");
-        let ((whole, one), (resumed, other)) = (whole.unwrap(), resumed.unwrap());
-        assert_eq!(one.weights(), other.weights());
-        assert_eq!(LowerBound { seconds: 0.0, ..whole }, LowerBound { seconds: 0.0, ..resumed });
+        let (whole, one) = whole.unwrap();
+        let whole = LowerBound { seconds: 0.0, ..whole };
+        let keepers: [&dyn FitCheckpoint; 2] = [&InMemory::default(), &OfCancelled::default()];
+        for keeper in keepers {
+            let (stopped, before) = run(Some(keeper), 5);
+            assert_eq!(stopped.unwrap_err(), InformationError::Cancelled);
+            let (resumed, after) = run(Some(keeper), usize::MAX);
+            assert_eq!((after[0].step, after[0].training_bits), (6, whole_reported[5].training_bits));
+            assert!(after[0].elapsed > before[3].elapsed, "the time goes on, too: {after:?}");
+            let (resumed, other) = resumed.unwrap();
+            assert_eq!(one.weights(), other.weights());
+            assert_eq!(whole, LowerBound { seconds: 0.0, ..resumed });
+        }
     }
 }

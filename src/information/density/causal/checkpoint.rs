@@ -31,15 +31,15 @@ impl Default for FitState {
     }
 }
 
-/// Writes the checkpoint after `elapsed` in all.
-pub(super) fn keep(
-    keeper: &dyn FitCheckpoint,
+/// The bytes of the checkpoint after `elapsed` in all.
+pub(super) fn state_to_bytes(
+    key: &str,
     course: &FitState,
     elapsed: Duration,
     model: &CausalModel,
     optimizer: &Optimizer,
     best: Option<&BestWeights>,
-) -> Result<(), InformationError> {
+) -> Result<Vec<u8>, InformationError> {
     let mut details = vec![
         ("caution", course.step_scale.to_string()),
         ("draws", course.draws.to_string()),
@@ -50,7 +50,7 @@ pub(super) fn keep(
         details.extend([("best_bits", best.bits.to_string()), ("best_step", best.step.to_string())]);
     }
     let numbers = FitArrays { weights: &model.weights, optimizer, best: best.map(|best| best.weights.as_slice()) };
-    keeper.store(&fit_to_bytes(keeper.key(), &numbers, course.steps, course.refused, details)?)
+    fit_to_bytes(key, &numbers, course.steps, course.refused, details)
 }
 
 /// Restores a model and its optimizer, prepared for the same fit. Returns the state of the fit and the best weights on

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::checkpoint::{FitState, keep, restore};
+use super::checkpoint::{FitState, restore, state_to_bytes};
 use super::conditioning::Inputs;
 use super::early_stopping::EarlyStopping;
 use super::model::{CausalModel, Gradients};
@@ -135,13 +135,16 @@ impl CausalFit {
         let time = Stopwatch::after(trainer.course.before);
         let mut plan = Plan::new(self.length);
         let mut best = EarlyStopping::new(validation, plan.done(trainer.course.steps, trainer.course.before), found);
-        let mut kept = Instant::now();
+        let (mut kept, mut state) = (Instant::now(), Vec::new());
         loop {
-            if let Some(keeper) = keeper
-                && kept.elapsed() >= keeper.every()
-            {
-                keep(keeper, &trainer.course, time.elapsed(), model, &trainer.optimizer, best.found.as_ref())?;
-                kept = Instant::now();
+            if let Some(keeper) = keeper {
+                // A fit resumes where patches are drawn.
+                let Trainer { course, optimizer, .. } = &trainer;
+                state = state_to_bytes(keeper.key(), course, time.elapsed(), model, optimizer, best.found.as_ref())?;
+                if kept.elapsed() >= keeper.every() {
+                    keeper.store(&state)?;
+                    kept = Instant::now();
+                }
             }
             let inputs = trainer.draw(self, model, stream)?;
             for indices in self.batches() {
@@ -160,6 +163,7 @@ impl CausalFit {
                 let step = FitStep { progress: step, model: &snapshot, planned: Cell::new(None) };
                 if progress.report(&step).is_break() {
                     model.weights = best.or(|| trainer.averaged(model));
+                    keeper.map_or(Ok(()), |keeper| keeper.store(&state))?;
                     return Err(InformationError::Cancelled);
                 }
                 if let Some(all) = step.planned.get() {

@@ -164,8 +164,14 @@ impl<'a> Run<'a> {
     }
 
     /// Writes the checkpoint if it is due.
+    fn keep_if_due(&mut self, model: &PixelCnn) -> Result<(), InformationError> {
+        let is_due = self.keeper.is_some_and(|keeper| self.kept.elapsed() >= keeper.every());
+        if is_due { self.keep(model) } else { Ok(()) }
+    }
+
+    /// Writes the checkpoint.
     fn keep(&mut self, model: &PixelCnn) -> Result<(), InformationError> {
-        let Some(keeper) = self.keeper.filter(|keeper| self.kept.elapsed() >= keeper.every()) else { return Ok(()) };
+        let Some(keeper) = self.keeper else { return Ok(()) };
         let report = &self.report;
         // NaN becomes null in JSON.
         let epochs = serde_json::to_string(&report.epochs);
@@ -198,14 +204,19 @@ impl<'a> Run<'a> {
         loop {
             let epoch = self.report.epochs.len() + 1;
             loop {
-                self.keep(model)?;
+                self.keep_if_due(model)?;
                 let done = self.done();
                 let rate = fit.rate * self.caution * if fit.schedule { learning_rate_factor(done) } else { 1.0 };
                 self.step(model, &mut batches, rate)?;
+                let is_epoch_over = self.out_of_time() || (self.epochs_done(epoch) && self.can_spare_validation());
                 if progress.report(&self.progress(epoch)).is_break() {
+                    // A resumed fit takes a step first.
+                    if !is_epoch_over {
+                        self.keep(model)?;
+                    }
                     return Err(InformationError::Cancelled);
                 }
-                if self.out_of_time() || (self.epochs_done(epoch) && self.can_spare_validation()) {
+                if is_epoch_over {
                     break;
                 }
             }
@@ -328,7 +339,7 @@ mod tests {
     use ndarray::Array3;
 
     use super::*;
-    use crate::information::fit_checkpoint::InMemory;
+    use crate::information::fit_checkpoint::{InMemory, OfCancelled};
     use crate::sensor::Noise;
 
     fn patches() -> Array3<f32> {
@@ -358,6 +369,10 @@ mod tests {
             };
             let (weights, report, asked) = run(None, usize::MAX).unwrap();
             assert_eq!(report.steps, 48);
+            let left = OfCancelled::default();
+            assert_eq!(run(Some(&left), 31).unwrap_err(), InformationError::Cancelled);
+            let (resumed, again, _) = run(Some(&left), usize::MAX).unwrap();
+            assert_eq!((resumed, again.steps), (weights.clone(), report.steps));
             let kept = InMemory::default();
             // During the third epoch, and during a validation.
             for stop_at in [31, 8] {
