@@ -9,6 +9,7 @@ use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, l
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use crate::evaluation::format_duration;
 use crate::information::{Protocol, with_interval};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -99,6 +100,11 @@ impl DecodersArgs {
         check_folder(&self.out)?;
         let mut study = DecoderStudy::open(settings, &self.out)?;
         let progress_line = ProgressLine::new();
+        let (cells, fits) = study.missing();
+        if cells > 0 {
+            let (cells, fits) = (counted(cells, "cell"), format_duration(fits));
+            progress_line.report(format_args!("{cells} to go: fits take {fits}, reading and reconstruction come on top"));
+        }
         study.run(&mut |event: &DecoderStudyEvent<'_>| {
             match event.finished {
                 None => progress_line.show(event.done, event.cells, event.name),

@@ -251,7 +251,10 @@ fn settings_that_cannot_be_computed_are_refused() {
 fn information_and_decoders_stand_side_by_side() {
     let bench = Bench::new();
     let line = "study decoders --lenslets 9 --decoders linear,posterior --test 3 --information 1s --out a";
-    let record = bench.json(line);
+    let output = bench.run(format!("{line} --json").split_whitespace());
+    let told = text(&output.stderr);
+    assert!(told.contains("3 cells to go: fits take 1 s"), "{told}");
+    let record: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(cells(&record).len(), 3);
     assert!(cells(&record)[0]["information"]["lower"].as_f64().unwrap() > 0.2, "{record}");
     assert!(cells(&record)[2]["quality"]["psnr_db"].as_f64().unwrap() > 27.0, "{record}");

@@ -87,6 +87,22 @@ impl DecoderStudy {
         [RECORD, "decoders.md", "decoders.csv", "decoders.svg"].map(|name| self.folder.join(name)).into()
     }
 
+    /// The cells without a result: their number, and the time of their fits and trainings. Reading, linear estimates and chains come on
+    /// top.
+    pub fn missing(&self) -> (usize, Duration) {
+        let settings = &self.record.settings;
+        let plan = settings.plan();
+        let missing = plan.iter().filter(|planned| !self.record.cell(planned).is_some_and(DecoderStudyCell::is_computed));
+        let seconds: Vec<f64> = missing
+            .map(|planned| match planned.decoder {
+                None => settings.information_seconds,
+                Some(DecoderKind::Network | DecoderKind::Unet) => settings.training_seconds,
+                Some(_) => 0.0,
+            })
+            .collect();
+        (seconds.len(), Duration::from_secs_f64(seconds.iter().sum()))
+    }
+
     /// The study as Markdown tables.
     pub fn markdown(&self) -> String {
         markdown(&self.record)
