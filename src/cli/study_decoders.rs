@@ -103,7 +103,8 @@ impl DecodersArgs {
         let (cells, fits) = study.missing();
         if cells > 0 {
             let (cells, fits) = (counted(cells, "cell"), format_duration(fits));
-            progress_line.report(format_args!("{cells} to go: fits take {fits}, reading and reconstruction come on top"));
+            progress_line
+                .report(format_args!("{cells} to go: fits take {fits}, reading and reconstruction come on top"));
         }
         study.run(&mut |event: &DecoderStudyEvent<'_>| {
             match event.finished {

@@ -10,8 +10,9 @@ use clap::{Args, ValueEnum};
 use super::choices::{BudgetChoice, EstimatorChoice};
 use crate::information::Protocol;
 use crate::objects::ObjectSource;
+use crate::reconstruction::DecoderKind;
 use crate::sensor::{Noise, PatchSize};
-use crate::studies::plans::{NamedPlan, Plan, StudyFolder, StudyMask, named_plans};
+use crate::studies::plans::{NamedPlan, Plan, ReconstructionSettings, StudyFolder, StudyMask, named_plans};
 
 /// A plan by name or file, and what replaces its entries.
 #[derive(Args, Debug)]
@@ -74,9 +75,17 @@ pub(super) struct Changes {
     #[arg(long, conflicts_with = "steps")]
     budget: Option<BudgetChoice>,
 
-    /// Steps of each fit in place of a time; equal steps give equal numbers on one machine.
+    /// Steps of each fit and training in place of a time; equal steps give equal numbers on one machine.
     #[arg(long)]
     steps: Option<usize>,
+
+    /// Decoder whose image quality every cell reports; posterior is for beads alone.
+    #[arg(long, value_enum)]
+    decoder: Option<DecoderKind>,
+
+    /// Time for the training of a decoder in one cell, such as 60s.
+    #[arg(long, conflicts_with = "steps")]
+    training: Option<BudgetChoice>,
 
     /// Steps of each optimizer run of an ideal: mask.
     #[arg(long)]
@@ -147,9 +156,15 @@ impl Changes {
     /// The plan of a name, a file or a folder, with these changes and absolute paths.
     pub fn applied_to(&self, named: &Path) -> anyhow::Result<Plan> {
         let plan = self.applied(read(named)?).absolute();
-        let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some());
+        let is_trained = plan.reconstruction.is_some_and(|of| of.decoder.needs().training);
+        let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some()) || is_trained;
         if !is_timed && (self.budget.is_some() || self.steps.is_some()) {
             bail!("--budget and --steps are for fits; leave them out for --estimator gaussian");
+        }
+        if self.training.is_some() && !is_trained {
+            bail!(
+                "--training: expected a plan with a decoder that is trained, such as --decoder network; leave it out for others"
+            );
         }
         Ok(plan)
     }
@@ -179,6 +194,15 @@ impl Changes {
         }
         if self.protocol == Some(ProtocolChoice::Default) {
             estimates.protocol = Protocol::Default;
+        }
+        plan.reconstruction = self.decoder.map(ReconstructionSettings::of).or(plan.reconstruction);
+        if let Some(reconstruction) = &mut plan.reconstruction {
+            if let Some(BudgetChoice(training)) = self.training {
+                (reconstruction.training_seconds, reconstruction.training_steps) = (Some(training.as_secs_f64()), None);
+            }
+            if self.steps.is_some() {
+                (reconstruction.training_seconds, reconstruction.training_steps) = (None, self.steps);
+            }
         }
         estimates.ideal_steps = self.ideal_steps.or(estimates.ideal_steps);
         estimates.patches_train = self.patches_train.unwrap_or(estimates.patches_train);

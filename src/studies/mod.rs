@@ -6,6 +6,7 @@ mod comparison;
 mod decoders;
 mod drawing;
 mod error;
+mod image_quality;
 mod machine;
 mod markdown;
 pub mod plans;

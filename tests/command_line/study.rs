@@ -228,6 +228,8 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("run grid --estimator gaussian --budget 60s --out out", "leave them out"),
         ("run grid --estimator magic --out out", "causal"),
         ("run grid --noise none --out out", "without noise"),
+        ("run grid --training 5s --out out", "--decoder network"),
+        ("run grid --decoder posterior --set mnist=idx:x --objects mnist --out out", "expected beads"),
         ("run grid --patches-test 0 --out out", "patches_test: expected 2"),
         ("run grid --patch 0 --out out", "patch \"0\""),
         ("run grid --photons 0 --out out", "mean_photons"),

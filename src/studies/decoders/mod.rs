@@ -10,6 +10,7 @@ mod report;
 mod run;
 mod settings;
 
+pub(super) use published::published_psnr_db;
 pub use record::{Correlation, DecoderStudyCell, DecoderStudyRecord, SensorInformation};
 pub use run::{DecoderStudy, DecoderStudyEvent};
 pub use settings::DecoderStudySettings;

@@ -3,7 +3,6 @@
 use std::fs::File;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Duration;
 
 use super::plot::scatter_plot;
@@ -13,14 +12,12 @@ use super::settings::{DecoderStudySettings, PlannedCell};
 use crate::evaluation::estimation::estimate_on_patches;
 use crate::evaluation::{DensityModel, EstimateProgress, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::formats::{create_folder, lock_folder, write_csv_text, write_safely};
-use crate::forward::{ForwardModel, open_set};
-use crate::information::{EngineChoice, Estimator, PosteriorChains, Protocol};
-use crate::progress::{CancelToken, Progress};
-use crate::reconstruction::{
-    DecoderKind, DecoderQuality, DecoderScene, DecoderTest, DecoderTraining, ReconstructionError, ReconstructionStep,
-    TrainingBudget, TrainingMasks, TrainingStep,
-};
+use crate::forward::open_set;
+use crate::information::{EngineChoice, Estimator, Protocol};
+use crate::progress::Progress;
+use crate::reconstruction::{DecoderKind, DecoderQuality, ReconstructionError, TrainingBudget};
 use crate::studies::error::StudyError;
+use crate::studies::image_quality::QualityRequest;
 use crate::studies::machine::Machine;
 
 /// The file that holds the study; the others are made from it.
@@ -92,7 +89,8 @@ impl DecoderStudy {
     pub fn missing(&self) -> (usize, Duration) {
         let settings = &self.record.settings;
         let plan = settings.plan();
-        let missing = plan.iter().filter(|planned| !self.record.cell(planned).is_some_and(DecoderStudyCell::is_computed));
+        let missing =
+            plan.iter().filter(|planned| !self.record.cell(planned).is_some_and(DecoderStudyCell::is_computed));
         let seconds: Vec<f64> = missing
             .map(|planned| match planned.decoder {
                 None => settings.information_seconds,
@@ -199,22 +197,13 @@ fn quality(
     kind: DecoderKind,
     poll: &mut (dyn FnMut() -> ControlFlow<()> + Send),
 ) -> Result<DecoderQuality, ReconstructionError> {
-    let design = settings.design(planned.objects, planned.design);
-    let forward = ForwardModel::open(&design)?;
-    let scene = DecoderScene::new(&forward, settings.protocol)?;
-    let psf = forward.psf(&design).map_err(crate::forward::ForwardError::from)?;
-    let model = scene.model(psf.view())?;
-    let cancel = CancelToken::new();
-    let prior = kind.needs().objects.then(|| scene.prior(&cancel)).transpose()?.map(Arc::new);
-    let decoder = if kind.needs().training {
-        let budget = TrainingBudget::Seconds(settings.training_seconds);
-        let training = DecoderTraining { kind, budget, seed: settings.seed };
-        let masks = TrainingMasks::One(model.clone());
-        let trained = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
-        trained.decoder(&scene, prior.as_ref())?
-    } else {
-        kind.decoder(prior, settings.sweeps.map(|sweeps| PosteriorChains::of_sweeps(sweeps, settings.seed)))?
+    let request = QualityRequest {
+        kind,
+        protocol: settings.protocol,
+        training: TrainingBudget::Seconds(settings.training_seconds),
+        sweeps: settings.sweeps,
+        test_objects: settings.test,
+        seed: settings.seed,
     };
-    let test = DecoderTest { objects: settings.test, seed: settings.seed };
-    test.run(&*decoder, &scene, &model, &mut |_: &ReconstructionStep| poll(), &mut |_| Ok(()))
+    request.measure(&settings.design(planned.objects, planned.design), poll)
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::cell::{CellSettings, StudyMask};
 use super::estimates::EstimateSettings;
+use super::reconstruction::ReconstructionSettings;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, PatchSize};
@@ -242,6 +243,7 @@ impl Axes {
         &self,
         sets: &BTreeMap<String, ObjectSource>,
         estimates: &EstimateSettings,
+        reconstruction: Option<ReconstructionSettings>,
     ) -> Result<Vec<CellSettings>, StudyError> {
         let sources: Vec<ObjectSource> =
             self.objects.iter().map(|name| source_of(name, sets)).collect::<Result<_, _>>()?;
@@ -264,6 +266,7 @@ impl Axes {
                 seed: self.seed[at(Axis::Seed)],
                 published_as: PublishedSet::named(&self.objects[at(Axis::Objects)]),
                 estimates: estimates.of(self.estimator[at(Axis::Estimator)]),
+                reconstruction,
             });
             let Some(&next) = free.iter().rev().find(|&&axis| place[&axis] + 1 < self.len_of(axis)) else {
                 return Ok(cells);

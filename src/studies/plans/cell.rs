@@ -8,12 +8,14 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::estimates::EstimateSettings;
+use super::reconstruction::ReconstructionSettings;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::formats::{DocumentKind, content_key, json_of, text_form};
 use crate::forward::{Design, MaskError, MaskSource};
 use crate::information::{EngineChoice, Estimate, Estimator, NoiseEntropy, TestPatches};
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
+use crate::reconstruction::DecoderQuality;
 use crate::sensor::{Noise, PatchSize};
 use crate::sparsity::TamuraSummary;
 use crate::studies::error::StudyError;
@@ -145,6 +147,9 @@ pub struct CellSettings {
     pub published_as: Option<PublishedSet>,
     /// Settings of the estimate.
     pub estimates: EstimateSettings,
+    /// Settings of the reconstruction, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reconstruction: Option<ReconstructionSettings>,
 }
 
 impl CellSettings {
@@ -191,7 +196,7 @@ impl CellSettings {
     pub(super) fn check(&self) -> Result<(), StudyError> {
         NoiseEntropy::new(self.noise, self.estimates.protocol).map_err(EvaluationError::from)?;
         self.design(Design::default().encoder).check().map_err(EvaluationError::from)?;
-        Ok(())
+        self.reconstruction.map_or(Ok(()), |settings| settings.check(&self.objects))
     }
 
     /// Share of the pixels that hold a bead, where the objects are beads.
@@ -234,6 +239,9 @@ pub struct CellRecord {
     pub notices: Vec<String>,
     /// Tamura coefficient of noisy patches of 32 x 32 px, or of the whole sensor where that is smaller.
     pub sensor_tamura: Option<TamuraSummary>,
+    /// Image quality of the plan's decoder on held-out objects, where the plan has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reconstruction: Option<DecoderQuality>,
     /// Information of each test patch by the density model, bits per pixel, and the images that it shows.
     pub test_patches: TestPatches,
     /// Time of the cell with all that surrounds its estimate, seconds.

@@ -9,6 +9,7 @@ use super::folder::CellState;
 use super::plan::{Plan, PlotSettings};
 use crate::forward::MaskSource;
 use crate::information::Protocol;
+use crate::studies::decoders::published_psnr_db;
 use crate::studies::published::{Published, published};
 
 /// Place of whole measurements on an axis of patches: the side of the published ones, px. Those of other fields lie there as well.
@@ -42,9 +43,39 @@ pub struct Tick {
     pub label: String,
 }
 
+/// What a panel shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quantity {
+    /// Information of measurements.
+    #[default]
+    Information,
+    /// Image quality of reconstructions.
+    Psnr,
+}
+
+impl Quantity {
+    /// Label of the y axis.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Information => "information, bits per pixel",
+            Self::Psnr => "PSNR, dB",
+        }
+    }
+
+    /// Its unit.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Information => "bits per pixel",
+            Self::Psnr => "dB",
+        }
+    }
+}
+
 /// A panel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Panel {
+    /// What it shows.
+    pub quantity: Quantity,
     /// Title; empty where there is one panel.
     pub title: String,
     /// The lines.
@@ -67,13 +98,13 @@ pub struct Point {
     pub cell: usize,
     /// Place on the x axis.
     pub x: f64,
-    /// The estimate, an upper bound, bits per pixel.
-    pub bits: f64,
+    /// The estimate, an upper bound, bits per pixel; or the PSNR, dB.
+    pub value: f64,
     /// Its 95 % interval.
     pub interval_95: [f64; 2],
     /// Lower bound, where one was computed, bits per pixel.
     pub lower: Option<f64>,
-    /// The published value of the cell, bits per pixel.
+    /// The published value of the cell, in the unit of the panel.
     pub published: Option<f64>,
     /// Mean Tamura coefficient of noisy sensor patches.
     pub tamura: Option<f64>,
@@ -81,12 +112,19 @@ pub struct Point {
     pub is_designed: bool,
 }
 
+impl Figure {
+    /// The panels of information.
+    pub fn information_panels(&self) -> impl Iterator<Item = &Panel> {
+        self.panels.iter().filter(|panel| panel.quantity == Quantity::Information)
+    }
+}
+
 impl Series {
     /// The point of the largest value that the line proves, and that value: the largest lower bound where all points have one, the
     /// largest estimate otherwise.
     pub fn optimum(&self) -> Option<(&Point, f64)> {
         let proves = self.points.iter().all(|point| point.lower.is_some());
-        let score = |point: &Point| point.lower.filter(|_| proves).unwrap_or(point.bits);
+        let score = |point: &Point| point.lower.filter(|_| proves).unwrap_or(point.value);
         let points = self.points.iter().map(|point| (point, score(point)));
         points.max_by(|(_, one), (_, other)| one.total_cmp(other))
     }
@@ -115,9 +153,16 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
         let title = roles.panels.map_or(String::new(), |panels| format!("{panels} {}", plan.value(panels, cell)));
         let names = std::iter::once(roles.lines).chain(others.iter().copied().map(Facet::Axis));
         let name = names.map(|facet| plan.value(facet, cell)).collect::<Vec<_>>().join(", ");
-        let line = line_of(&mut panels, &title, &name);
+        let line = line_of(&mut panels, Quantity::Information, &title, &name);
         line.points.extend(point_of(index, x, cell, &states[index]));
+        if let Some(settings) = cell.reconstruction {
+            let panel = [title, format!("PSNR by {}", settings.decoder)];
+            let panel = panel.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
+            let line = line_of(&mut panels, Quantity::Psnr, &panel, &name);
+            line.points.extend(psnr_of(index, x, cell, &states[index]));
+        }
     }
+    panels.sort_by_key(|panel| panel.quantity == Quantity::Psnr);
     ticks.sort_by(|one, other| one.x.total_cmp(&other.x));
     for line in panels.iter_mut().flat_map(|panel| &mut panel.series) {
         line.points.sort_by(|one, other| one.x.total_cmp(&other.x));
@@ -148,12 +193,13 @@ fn others(plan: &Plan, cells: &[CellSettings]) -> Vec<Axis> {
     Axis::ALL.into_iter().filter(|&axis| !roles.contains(&Facet::Axis(axis))).filter(is_open).collect()
 }
 
-/// The line of a name in the panel of a title; both are added where they are missing.
-fn line_of<'a>(panels: &'a mut Vec<Panel>, title: &str, name: &str) -> &'a mut Series {
-    let place = panels.iter().position(|panel| panel.title == title).unwrap_or_else(|| {
-        panels.push(Panel { title: title.to_owned(), series: Vec::new() });
-        panels.len() - 1
-    });
+/// The line of a name in the panel of a quantity and a title; both are added where they are missing.
+fn line_of<'a>(panels: &'a mut Vec<Panel>, quantity: Quantity, title: &str, name: &str) -> &'a mut Series {
+    let place =
+        panels.iter().position(|panel| panel.quantity == quantity && panel.title == title).unwrap_or_else(|| {
+            panels.push(Panel { quantity, title: title.to_owned(), series: Vec::new() });
+            panels.len() - 1
+        });
     let series = &mut panels[place].series;
     let place = series.iter().position(|line| line.name == name).unwrap_or_else(|| {
         series.push(Series { name: name.to_owned(), points: Vec::new() });
@@ -187,11 +233,33 @@ fn point_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opt
     Some(Point {
         cell: index,
         x,
-        bits: estimate.bits_per_pixel,
+        value: estimate.bits_per_pixel,
         interval_95: estimate.interval_95,
         lower: record.lower(),
         published: published_value(cell).map(|known| known.bits_per_pixel),
         tamura: record.sensor_tamura.map(|tamura| tamura.mean),
+        is_designed: matches!(cell.mask, StudyMask::Ideal { .. }),
+    })
+}
+
+/// The PSNR of a cell. Published values have the light of the paper protocol.
+fn psnr_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Option<Point> {
+    let record = state.done()?;
+    let quality = record.reconstruction.as_ref()?;
+    let known = match &cell.mask {
+        StudyMask::Given(MaskSource::Heuristic(lenslets)) if cell.estimates.protocol == Protocol::Paper => {
+            published_psnr_db(&cell.objects, cell.published_as, *lenslets)
+        }
+        _ => None,
+    };
+    Some(Point {
+        cell: index,
+        x,
+        value: quality.psnr_db,
+        interval_95: quality.psnr_db_interval_95,
+        lower: None,
+        published: known,
+        tamura: None,
         is_designed: matches!(cell.mask, StudyMask::Ideal { .. }),
     })
 }

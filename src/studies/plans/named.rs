@@ -4,8 +4,10 @@ use super::axes::{Axes, Axis};
 use super::cell::{Freedom, StudyMask};
 use super::facet::Facet;
 use super::plan::{Plan, PlotSettings, QuickSettings};
+use super::reconstruction::ReconstructionSettings;
 use crate::forward::MaskSource;
 use crate::information::Estimator;
+use crate::reconstruction::DecoderKind;
 use crate::sensor::{Noise, PatchSize};
 
 /// Bead densities of the published sweep.
@@ -122,7 +124,8 @@ fn fig3() -> Plan {
         panels: Some(Facet::Axis(Axis::Objects)),
         ..lines(Facet::Axis(Axis::Mask), Facet::Axis(Axis::Estimator))
     };
-    keeping_objects(Plan::new("fig3", "Information of layouts and of designed masks", Axes::new(mask, objects), plot))
+    let plan = Plan::new("fig3", "Information of layouts and of designed masks", Axes::new(mask, objects), plot);
+    keeping_objects(Plan { reconstruction: Some(ReconstructionSettings::of(DecoderKind::Network)), ..plan })
 }
 
 fn s1() -> Plan {

@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::{DefaultFormatting, KeyPointHint, Ranged};
 use plotters::prelude::*;
 
-use super::figure::{Figure, Panel, Point, Series, Tick};
+use super::figure::{Figure, Panel, Point, Quantity, Series, Tick};
 use crate::formats::{DRAWING_FONT, use_drawing_font, write_png_rgb, write_safely};
 use crate::studies::drawing::ordered_colour;
 use crate::studies::error::StudyError;
@@ -199,24 +199,37 @@ impl Painter<'_> {
         first - space..last + space
     }
 
+    /// Range of the y axis of all panels of a quantity: from 0 for information, around the values for a PSNR.
+    fn range(&self, quantity: Quantity) -> std::ops::Range<f64> {
+        let panels = self.figure.panels.iter().filter(|panel| panel.quantity == quantity);
+        let points = panels.flat_map(|panel| &panel.series).flat_map(|series| &series.points);
+        let values = points
+            .flat_map(|point| [point.interval_95[0], point.interval_95[1], point.published.unwrap_or(point.value)]);
+        let values: Vec<f64> = values.collect();
+        let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        match quantity {
+            Quantity::Information => 0.0..1.06 * most.max(0.05),
+            Quantity::Psnr if values.is_empty() => 0.0..1.0,
+            Quantity::Psnr => values.iter().copied().fold(f64::INFINITY, f64::min).floor() - 1.0..most.ceil() + 1.0,
+        }
+    }
+
     fn panel<DB: DrawingBackend>(&self, area: &DrawingArea<DB, Shift>, panel: &Panel) -> Drawn
     where
         DB::ErrorType: 'static,
     {
-        let values = self.figure.panels.iter().flat_map(|panel| &panel.series).flat_map(|series| &series.points);
-        let values = values.flat_map(|point| [Some(point.interval_95[1]), Some(point.bits), point.published]);
-        let most = 1.06 * values.flatten().fold(0.05, f64::max);
         let axis = AxisX { ends: self.ends(), ticks: self.figure.ticks.clone(), logarithmic: self.figure.logarithmic };
-        let mut chart = self.chart(area, panel.title.clone(), axis, 0.0..most, "information, bits per pixel")?;
+        let mut chart =
+            self.chart(area, panel.title.clone(), axis, self.range(panel.quantity), panel.quantity.label())?;
         for series in &panel.series {
             let colour = self.colour(&series.name);
             for run in bounded(&series.points) {
-                let upper = run.iter().map(|point| (point.x, point.bits));
-                let lower = run.iter().rev().map(|point| (point.x, point.lower.unwrap_or(point.bits)));
+                let upper = run.iter().map(|point| (point.x, point.value));
+                let lower = run.iter().rev().map(|point| (point.x, point.lower.unwrap_or(point.value)));
                 chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.18).filled())])?;
             }
             let joined: Vec<(f64, f64)> =
-                series.points.iter().filter(|point| !point.is_designed).map(|point| (point.x, point.bits)).collect();
+                series.points.iter().filter(|point| !point.is_designed).map(|point| (point.x, point.value)).collect();
             chart.draw_series(LineSeries::new(joined, colour.stroke_width(2 * self.scale)))?;
             let known: Vec<(f64, f64)> =
                 series.points.iter().filter_map(|point| Some((point.x, point.published?))).collect();
@@ -226,7 +239,7 @@ impl Painter<'_> {
                 let [low, high] = point.interval_95;
                 let style = colour.stroke_width(self.scale);
                 chart.draw_series([PathElement::new([(point.x, low), (point.x, high)], style)])?;
-                let at = (point.x, point.bits);
+                let at = (point.x, point.value);
                 if point.is_designed {
                     let size = f64::from(self.px(5));
                     chart.draw_series([EmptyElement::at(at) + diamond((0, 0), size, colour)])?;
@@ -234,7 +247,9 @@ impl Painter<'_> {
                     chart.draw_series([Circle::new(at, self.px(2), colour.filled())])?;
                 }
             }
-            if let Some((best, bits)) = series.optimum().filter(|_| self.figure.optima) {
+            if let Some((best, bits)) =
+                series.optimum().filter(|_| self.figure.optima && panel.quantity == Quantity::Information)
+            {
                 let scale = f64::from(self.scale);
                 chart.draw_series([EmptyElement::at((best.x, bits)) + star((0, 0), scale, colour)])?;
             }
@@ -249,8 +264,7 @@ impl Painter<'_> {
     {
         let best: Vec<(&Series, &Point)> = self
             .figure
-            .panels
-            .iter()
+            .information_panels()
             .flat_map(|panel| &panel.series)
             .filter_map(|series| Some((series, series.optimum()?.0)))
             .collect();

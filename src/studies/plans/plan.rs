@@ -10,6 +10,7 @@ use super::axes::{Axes, Axis};
 use super::cell::CellSettings;
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
+use super::reconstruction::ReconstructionSettings;
 use crate::formats::{FormatError, write_safely};
 use crate::information::{Estimator, Protocol};
 use crate::objects::ObjectSource;
@@ -44,6 +45,9 @@ pub struct Plan {
     /// Settings of the estimates.
     #[serde(default)]
     pub estimates: EstimateSettings,
+    /// The decoder whose image quality every cell reports, if any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reconstruction: Option<ReconstructionSettings>,
     /// The plot.
     pub plot: PlotSettings,
     /// Settings of a first look.
@@ -100,6 +104,7 @@ impl Plan {
             sets: BTreeMap::new(),
             axes,
             estimates: EstimateSettings::default(),
+            reconstruction: None,
             plot,
             quick: QuickSettings::default(),
         }
@@ -184,6 +189,7 @@ impl Plan {
         Self {
             axes: self.axes.halved(&self.quick.keep),
             estimates,
+            reconstruction: self.reconstruction.map(|settings| settings.complete().within(self.quick.seconds)),
             title: format!("{} (quick)", self.title),
             ..self.clone()
         }
@@ -209,17 +215,20 @@ impl Plan {
     pub fn cells(&self) -> Result<Vec<CellSettings>, StudyError> {
         self.axes.check()?;
         self.estimates.check()?;
-        let cells = self.axes.expand(&self.sets, &self.estimates)?;
+        let reconstruction = self.reconstruction.map(ReconstructionSettings::complete);
+        let cells = self.axes.expand(&self.sets, &self.estimates, reconstruction)?;
         for cell in &cells {
             cell.check()?;
         }
         Ok(cells)
     }
 
-    /// Estimated time of a cell: that of its fits and of what surrounds them.
+    /// Estimated time of a cell: that of its fits and training, and of what surrounds them.
     pub fn time_of(&self, cell: &CellSettings) -> Duration {
         let fits = cell.estimates.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let trials = if cell.estimator == Estimator::Bracket { 1 } else { cell.estimates.trials as u32 };
-        fits.unwrap_or_default().saturating_mul(trials) + AROUND_FITS
+        let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
+        let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        fits.unwrap_or_default().saturating_mul(trials) + training.unwrap_or_default() + AROUND_FITS
     }
 }

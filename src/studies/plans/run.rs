@@ -1,6 +1,7 @@
 //! Computing the cells of a study.
 
 use std::collections::HashMap;
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::cell::{CellRecord, CellSettings, StudyMask};
@@ -15,6 +16,7 @@ use crate::information::{Estimate, NUMBERS_VERSION, TestPatches};
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 use crate::progress::Progress;
+use crate::reconstruction::{DecoderQuality, ReconstructionError};
 use crate::sensor::Patches;
 use crate::sparsity::{TamuraSummary, tamura_of_stack};
 use crate::studies::error::StudyError;
@@ -154,6 +156,7 @@ struct Computed {
     estimate: Estimate,
     test_patches: TestPatches,
     sensor_tamura: Option<TamuraSummary>,
+    reconstruction: Option<DecoderQuality>,
     notices: Vec<String>,
 }
 
@@ -188,7 +191,7 @@ impl From<FormatError> for CellError {
 fn compute(
     folder: &StudyFolder,
     index: usize,
-    report: &mut (dyn FnMut(&str) -> std::ops::ControlFlow<()> + Send),
+    report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
 ) -> Result<Computed, CellError> {
     let cell = &folder.cells()[index];
     let opened = cell.mask.source().mask(cell.seed, &cell.objects)?;
@@ -209,7 +212,24 @@ fn compute(
     let request = EstimateRequest { keep, ..cell.request() };
     let (estimate, test_patches) =
         estimate_on_patches(&design, &request, &mut |step: &EstimateProgress| report(&step.step))?;
-    Ok(Computed { encoder: design.encoder, estimate, test_patches, sensor_tamura, notices })
+    let reconstruction = quality(cell, &design, report)?;
+    Ok(Computed { encoder: design.encoder, estimate, test_patches, sensor_tamura, reconstruction, notices })
+}
+
+/// The image quality of the plan's decoder, where the plan has one.
+fn quality(
+    cell: &CellSettings,
+    design: &Design,
+    report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
+) -> Result<Option<DecoderQuality>, CellError> {
+    let Some(settings) = cell.reconstruction else { return Ok(None) };
+    let step = format!("reconstruction by {}", settings.decoder);
+    let request = settings.request(cell.estimates.protocol, cell.seed);
+    match request.measure(design, &mut || report(&step)) {
+        Ok(quality) => Ok(Some(quality)),
+        Err(ReconstructionError::Cancelled) => Err(CellError::Stopped),
+        Err(error) => Err(CellError::Failed(error.to_string())),
+    }
 }
 
 /// The Tamura coefficient of noisy patches, as published: background included.
@@ -232,6 +252,7 @@ fn record_of(cell: &CellSettings, result: Result<Computed, String>, time: Durati
         estimate: None,
         failure: Some(sentence),
         sensor_tamura: None,
+        reconstruction: None,
         notices: Vec::new(),
         test_patches: TestPatches::default(),
         seconds: time.as_secs_f64(),
@@ -242,13 +263,14 @@ fn record_of(cell: &CellSettings, result: Result<Computed, String>, time: Durati
         Ok(computed) if !computed.estimate.is_finite() => {
             failed("the estimate is not a finite number; give the fit more time".into())
         }
-        Ok(Computed { encoder, estimate, test_patches, sensor_tamura, notices }) => CellRecord {
+        Ok(Computed { encoder, estimate, test_patches, sensor_tamura, reconstruction, notices }) => CellRecord {
             lenslets: encoder.lenslets().map(|array| array.lenslets.len()),
             encoder: encoder.describe(),
             mask_fingerprint: content_key(&json_of(&encoder)),
             estimate: Some(estimate),
             failure: None,
             sensor_tamura,
+            reconstruction,
             notices,
             test_patches,
             ..failed(String::new())

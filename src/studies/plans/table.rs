@@ -8,8 +8,9 @@ use super::facet::Facet;
 use super::figure::{caption, distinct, figure_of, published_value};
 use super::folder::{CellState, StudyFolder};
 use super::plan::Plan;
-use crate::information::{Estimate, PairedDifference};
+use crate::information::{self, Estimate, PairedDifference};
 use crate::plural::counted;
+use crate::reconstruction::DecoderQuality;
 use crate::studies::markdown::{self, NOTHING, bits, header, lower, row, with_interval};
 use crate::studies::rank::spearman;
 
@@ -40,6 +41,11 @@ impl<'a> Row<'a> {
         self.state.done()?.estimate.as_ref()
     }
 
+    /// Image quality of the plan's decoder.
+    fn quality(&self) -> Option<&'a DecoderQuality> {
+        self.state.done()?.reconstruction.as_ref()
+    }
+
     /// Mean Tamura coefficient of noisy sensor patches.
     fn tamura(&self) -> Option<f64> {
         Some(self.state.done()?.sensor_tamura?.mean)
@@ -51,7 +57,7 @@ const MARGIN: f64 = 0.02;
 
 /// Header of the table for programs. Times and machines are left out, so that equal studies have equal tables; they are in the files of
 /// the cells.
-pub const CSV_HEADER: [&str; 24] = [
+pub const CSV_HEADER: [&str; 28] = [
     "id",
     "objects",
     "mask",
@@ -75,6 +81,10 @@ pub const CSV_HEADER: [&str; 24] = [
     "difference_high_95",
     "published",
     "sensor_tamura",
+    "decoder",
+    "psnr_db",
+    "psnr_low_95",
+    "psnr_high_95",
     "failure",
 ];
 
@@ -134,7 +144,7 @@ impl<'a> StudyTable<'a> {
         }
         if plan.plot.optima {
             let figure = figure_of(plan, cells, states);
-            for series in figure.panels.iter().flat_map(|panel| &panel.series) {
+            for series in figure.information_panels().flat_map(|panel| &panel.series) {
                 if let Some((best, _)) = series.optimum() {
                     let tamura = best.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
                     lines.push(format!("{}: optimum at {} {}{tamura}", series.name, plan.plot.x, best.x));
@@ -177,6 +187,13 @@ impl<'a> StudyTable<'a> {
         }
         if self.rows.iter().any(|row| row.published.is_some()) {
             columns.push(Column::new("published", |row| bits(row.published)));
+        }
+        if self.rows.iter().any(|row| row.quality().is_some()) {
+            columns.push(Column::new("PSNR, dB", |row| {
+                row.quality().map_or(NOTHING.into(), |quality| {
+                    information::with_interval(quality.psnr_db, quality.psnr_db_interval_95)
+                })
+            }));
         }
         columns.push(Column::new("sensor Tamura", |row| {
             row.tamura().map_or(NOTHING.into(), |tamura| format!("{tamura:.3}"))
@@ -221,6 +238,10 @@ fn csv_row(plan: &Plan, row: &Row<'_>, id: &str) -> Vec<String> {
         number(row.difference.map(|difference| difference.interval_95[1])),
         number(row.published),
         number(row.tamura()),
+        row.quality().map_or(String::new(), |quality| quality.decoder.to_string()),
+        number(row.quality().map(|quality| quality.psnr_db)),
+        number(row.quality().map(|quality| quality.psnr_db_interval_95[0])),
+        number(row.quality().map(|quality| quality.psnr_db_interval_95[1])),
         row.state.failure().unwrap_or_default().to_owned(),
     ]
 }

@@ -7,17 +7,19 @@ use super::axes::{Axes, Axis};
 use super::cell::{CellSettings, StudyMask};
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
-use super::figure::figure_of;
+use super::figure::{Quantity, figure_of};
 use super::folder::{CellState, StudyFolder};
 use super::named::{NamedPlan, named_plans};
 use super::paint::{png, svg};
 use super::plan::{Plan, PlotSettings};
+use super::reconstruction::ReconstructionSettings;
 use super::run::{PlanEvent, run_cells};
 use super::shard::Shard;
-use super::table::StudyTable;
+use super::table::{CSV_HEADER, StudyTable};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::progress::CancelToken;
+use crate::reconstruction::DecoderKind;
 use crate::sensor::PatchSize;
 use crate::studies::error::StudyError;
 
@@ -97,6 +99,7 @@ fn zipped_axes_advance_together() {
 
 #[test]
 fn plans_that_cannot_be_computed_are_refused_in_one_sentence() {
+    let linear = ReconstructionSettings::of(DecoderKind::Linear);
     let refused = |change: &dyn Fn(&mut Plan)| {
         let mut plan = small();
         change(&mut plan);
@@ -112,6 +115,17 @@ fn plans_that_cannot_be_computed_are_refused_in_one_sentence() {
         (refused(&|plan| plan.axes.objects = vec!["pearls:1".into()]), "objects pearls:1"),
         (refused(&|plan| plan.estimates.patches_test = 1), "patches_test: expected 2"),
         (refused(&|plan| plan.estimates.seconds = Some(f64::NAN)), "seconds: expected 0.001 s"),
+        (
+            refused(&|plan| plan.reconstruction = Some(ReconstructionSettings { test_objects: 1, ..linear })),
+            "test_objects",
+        ),
+        (
+            refused(&|plan| {
+                plan.axes.objects = vec!["images:photos".into()];
+                plan.reconstruction = Some(ReconstructionSettings::of(DecoderKind::Posterior));
+            }),
+            "decoder posterior: expected beads",
+        ),
     ] {
         assert!(message.contains(part) && !message.contains('\n'), "{part} in {message}");
     }
@@ -254,6 +268,34 @@ fn figures_hold_lines_optima_and_published_values() {
     }
     let image = png(&figure).unwrap();
     assert!(image.dim().2 == 3 && image.iter().any(|&value| value < 100) && image[[0, 0, 0]] == 255);
+}
+
+#[test]
+fn image_quality_has_panels_of_its_own() {
+    let place = tempfile::tempdir().unwrap();
+    let mut plan = small();
+    plan.axes.objects.truncate(1);
+    plan.reconstruction =
+        Some(ReconstructionSettings { test_objects: 3, ..ReconstructionSettings::of(DecoderKind::Linear) });
+    let text = plan.to_toml().unwrap();
+    assert!(text.contains("[reconstruction]") && !text.contains("training"), "{text}");
+    let folder = begun(plan, place.path());
+    computed(&folder, Shard::default());
+    let states = folder.states().unwrap();
+    let figure = figure_of(folder.plan(), folder.cells(), &states);
+    let [information, psnr] = figure.panels.as_slice() else { panic!("{figure:?}") };
+    assert_eq!((information.quantity, psnr.quantity), (Quantity::Information, Quantity::Psnr));
+    for (index, series) in psnr.series.iter().enumerate() {
+        let [point] = series.points.as_slice() else { panic!("{series:?}") };
+        let quality = states[index].done().unwrap().reconstruction.clone().unwrap();
+        assert_eq!((point.cell, point.value, quality.test_objects), (index, quality.psnr_db, 3));
+        assert!(point.value > 15.0 && point.published.is_none(), "{point:?}");
+    }
+    let text = svg(&figure).unwrap();
+    assert!(text.contains("PSNR by linear") && text.contains("PSNR, dB"), "{text}");
+    let row = &rows(&folder)[1];
+    let (decoder, psnr_db) = (row[CSV_HEADER.len() - 5].as_str(), row[CSV_HEADER.len() - 4].as_str());
+    assert_eq!((decoder, psnr_db.parse()), ("linear", Ok(psnr.series[1].points[0].value)));
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use egui::{Color32, Ui};
 use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points};
 
-use crate::studies::plans::{Figure, Panel, Point, Series};
+use crate::studies::plans::{Figure, Panel, Point, Quantity, Series};
 use crate::studio::state::request::{Request, StudyRequest};
 use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::workbench::{Colormap, OpenStudy};
@@ -27,49 +27,53 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
     let label = move |mark: GridMark, _: &RangeInclusive<f64>| {
         ticks.iter().find(|(x, _)| (x - mark.value).abs() < 1e-9).map_or(String::new(), |(_, label)| label.clone())
     };
-    let response = Plot::new("Study plot")
+    let quantity = shown.quantity;
+    let mut plot = Plot::new("Study plot");
+    if quantity == Quantity::Information {
+        plot = plot.include_y(0.0);
+    }
+    let response = plot
         .legend(Legend::default())
-        .include_y(0.0)
         .allow_scroll(false)
         .x_axis_label(figure.x_label.clone())
-        .y_axis_label("bits per pixel")
+        .y_axis_label(quantity.unit())
         .x_grid_spacer(move |_| marks.clone())
         .x_axis_formatter(label)
         .show(ui, |plot| {
             let count = shown.series.len();
             for (index, series) in shown.series.iter().enumerate() {
                 let colour = colour(index, count);
-                line(plot, series, figure, colour);
+                line(plot, series, figure, colour, quantity == Quantity::Information && figure.optima);
             }
             let pointer = plot.response().hover_pos()?;
-            let at = |point: &Point| plot.screen_from_plot([place(point.x), point.bits].into()).distance(pointer);
+            let at = |point: &Point| plot.screen_from_plot([place(point.x), point.value].into()).distance(pointer);
             nearest(shown, &at)
         });
     name_widget(&response.response, "Study plot");
     let Some((name, point)) = response.inner else { return };
-    requests.push(Request::Describe(described(name, point)));
-    response.response.clone().on_hover_text_at_pointer(described(name, point));
+    requests.push(Request::Describe(described(name, point, quantity)));
+    response.response.clone().on_hover_text_at_pointer(described(name, point, quantity));
     if response.response.clicked() {
         requests.push(Request::Study(StudyRequest::OpenCell(point.cell)));
     }
 }
 
-fn line(plot: &mut egui_plot::PlotUi<'_>, series: &Series, figure: &Figure, colour: Color32) {
+fn line(plot: &mut egui_plot::PlotUi<'_>, series: &Series, figure: &Figure, colour: Color32, marks_optimum: bool) {
     let name = series.name.as_str();
     let place = |x: f64| if figure.logarithmic { x.log10() } else { x };
     let of = |value: &dyn Fn(&Point) -> Option<f64>| -> Vec<[f64; 2]> {
         series.points.iter().filter_map(|point| Some([place(point.x), value(point)?])).collect()
     };
-    let joined = of(&|point| Some(point.bits).filter(|_| !point.is_designed));
+    let joined = of(&|point| Some(point.value).filter(|_| !point.is_designed));
     plot.line(Line::new(name, PlotPoints::from(joined.clone())).color(colour).width(2.0));
     plot.points(Points::new(name, PlotPoints::from(joined)).color(colour).radius(2.5));
-    let designed = of(&|point| Some(point.bits).filter(|_| point.is_designed));
+    let designed = of(&|point| Some(point.value).filter(|_| point.is_designed));
     plot.points(Points::new(name, designed).color(colour).shape(MarkerShape::Diamond).radius(5.0));
     let lower = of(&|point| point.lower);
     plot.line(Line::new(name, lower).color(colour).width(1.0).style(LineStyle::dashed_loose()));
     let published = of(&|point| point.published);
     plot.points(Points::new(name, published).color(colour).filled(false).radius(4.0));
-    if let Some((best, bits)) = series.optimum().filter(|_| figure.optima) {
+    if let Some((best, bits)) = series.optimum().filter(|_| marks_optimum) {
         let star = vec![[place(best.x), bits]];
         plot.points(Points::new(name, star).color(colour).shape(MarkerShape::Asterisk).radius(6.0));
     }
@@ -83,12 +87,13 @@ fn nearest<'a>(panel: &'a Panel, distance: &dyn Fn(&Point) -> f32) -> Option<(&'
 }
 
 /// The numbers of a point, for people.
-fn described(name: &str, point: Point) -> String {
+fn described(name: &str, point: Point, quantity: Quantity) -> String {
+    let unit = quantity.unit();
     let [low, high] = point.interval_95;
     let lower = point.lower.map_or(String::new(), |bits| format!(", at least {bits:.4}"));
     let published = point.published.map_or(String::new(), |bits| format!(", published {bits:.4}"));
     let tamura = point.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
-    format!("{name} at {}: {:.4} ({low:.4} to {high:.4}) bits per pixel{lower}{published}{tamura}", point.x, point.bits)
+    format!("{name} at {}: {:.4} ({low:.4} to {high:.4}) {unit}{lower}{published}{tamura}", point.x, point.value)
 }
 
 /// Marks at the values of the x axis, as many as have room.

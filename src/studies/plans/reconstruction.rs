@@ -1,0 +1,94 @@
+//! Settings of the reconstruction that the cells of a plan have beside their estimates.
+
+use serde::{Deserialize, Serialize};
+
+use crate::information::Protocol;
+use crate::objects::ObjectSource;
+use crate::reconstruction::{DecoderKind, TrainingBudget};
+use crate::studies::error::StudyError;
+use crate::studies::image_quality::QualityRequest;
+
+/// Time of training, seconds, where none is given.
+const TRAINING_SECONDS: f64 = 60.0;
+
+/// A decoder whose image quality every cell reports.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ReconstructionSettings {
+    /// The decoder.
+    pub decoder: DecoderKind,
+    /// Held-out objects.
+    #[serde(default = "usual_objects")]
+    pub test_objects: usize,
+    /// Time for the training of a network, seconds [default: 60].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training_seconds: Option<f64>,
+    /// Steps of the training in place of a time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub training_steps: Option<usize>,
+}
+
+fn usual_objects() -> usize {
+    500
+}
+
+impl ReconstructionSettings {
+    /// A decoder with the usual test and training.
+    pub fn of(decoder: DecoderKind) -> Self {
+        Self { decoder, test_objects: usual_objects(), training_seconds: None, training_steps: None }.complete()
+    }
+
+    /// The settings of a cell: with the usual time of training, and without one for a decoder that is not trained.
+    pub(super) fn complete(self) -> Self {
+        let is_trained = self.decoder.needs().training;
+        let usual = if self.training_steps.is_some() { None } else { Some(TRAINING_SECONDS) };
+        Self {
+            training_seconds: self.training_seconds.or(usual).filter(|_| is_trained),
+            training_steps: self.training_steps.filter(|_| is_trained),
+            ..self
+        }
+    }
+
+    /// The settings with at most `seconds` of training.
+    pub(super) fn within(self, seconds: f64) -> Self {
+        Self { training_seconds: self.training_seconds.map(|own| own.min(seconds)), ..self }
+    }
+
+    pub(super) fn request(&self, protocol: Protocol, seed: u64) -> QualityRequest {
+        let seconds = TrainingBudget::Seconds(self.training_seconds.unwrap_or(TRAINING_SECONDS));
+        QualityRequest {
+            kind: self.decoder,
+            protocol,
+            training: self.training_steps.map_or(seconds, TrainingBudget::Steps),
+            sweeps: None,
+            test_objects: self.test_objects,
+            seed,
+        }
+    }
+
+    /// Refuses settings that cannot be computed for these objects.
+    pub(super) fn check(&self, objects: &ObjectSource) -> Result<(), StudyError> {
+        let refused = |what: &str, expected: &str, found: String| {
+            Err(StudyError::Plan { what: what.into(), expected: expected.into(), found })
+        };
+        if let (Some(seconds), Some(steps)) = (self.training_seconds, self.training_steps) {
+            return refused("reconstruction", "seconds or steps", format!("{seconds} s and {steps} steps"));
+        }
+        if let Some(seconds) = self.training_seconds.filter(|seconds| !(0.001..=604_800.0).contains(seconds)) {
+            return refused("training_seconds", "0.001 s to one week", format!("{seconds} s"));
+        }
+        for (what, found, range) in [
+            ("training_steps", self.training_steps.unwrap_or(1), 1..=10_000_000),
+            ("test_objects", self.test_objects, 2..=1_000_000),
+        ] {
+            if !range.contains(&found) {
+                return refused(what, &format!("{} to {}", range.start(), range.end()), found.to_string());
+            }
+        }
+        if self.decoder == DecoderKind::Posterior && !objects.is_beads() {
+            return refused("decoder posterior", "beads", objects.to_string());
+        }
+        Ok(())
+    }
+}
