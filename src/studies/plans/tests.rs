@@ -292,10 +292,10 @@ fn image_quality_has_panels_of_its_own() {
         assert!(point.value > 15.0 && point.published.is_none(), "{point:?}");
     }
     let text = svg(&figure).unwrap();
-    assert!(text.contains("PSNR by linear") && text.contains("PSNR, dB"), "{text}");
+    assert!(text.contains("PSNR by Linear MMSE") && text.contains("PSNR, dB"), "{text}");
     let row = &rows(&folder)[1];
     let (decoder, psnr_db) = (row[CSV_HEADER.len() - 5].as_str(), row[CSV_HEADER.len() - 4].as_str());
-    assert_eq!((decoder, psnr_db.parse()), ("linear", Ok(psnr.series[1].points[0].value)));
+    assert_eq!((decoder, psnr_db.parse()), ("Linear MMSE", Ok(psnr.series[1].points[0].value)));
 }
 
 #[test]
