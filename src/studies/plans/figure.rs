@@ -30,6 +30,8 @@ pub struct Figure {
     pub logarithmic: bool,
     /// Whether optima are marked, and the sensor's Tamura coefficient is shown there.
     pub optima: bool,
+    /// What distinguishes the lines.
+    pub lines_label: String,
     /// The panels.
     pub panels: Vec<Panel>,
 }
@@ -173,6 +175,11 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
         x_label: roles.x.label(is_numeric).into(),
         logarithmic: roles.logarithmic && is_numeric && ticks.iter().all(|tick| tick.x > 0.0),
         optima: roles.optima,
+        lines_label: std::iter::once(roles.lines)
+            .chain(others.iter().copied().map(Facet::Axis))
+            .map(|facet| facet.to_string())
+            .collect::<Vec<_>>()
+            .join(", "),
         panels,
         ticks,
     }

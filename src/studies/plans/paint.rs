@@ -152,7 +152,9 @@ impl Painter<'_> {
         DB::ErrorType: 'static,
     {
         let (left, text) = (self.px(8), self.px(42));
-        let mut top = self.px(16);
+        let mut top = self.px(8);
+        area.draw(&Text::new(self.figure.lines_label.clone(), (left, top), self.font(12)))?;
+        top += self.px(ENTRY);
         let middle = |top: i32| top + self.px(6);
         for name in &self.names {
             let style = self.colour(name).stroke_width(2 * self.scale);

@@ -263,7 +263,7 @@ fn figures_hold_lines_optima_and_published_values() {
     let (best, bits) = four.optimum().unwrap();
     assert!(best.tamura.is_some() && four.points.iter().all(|point| point.lower.unwrap() <= bits));
     let text = svg(&figure).unwrap();
-    for part in ["Two layouts", "heuristic:4", "beads per object pixel", "published", "optimum of a line"] {
+    for part in ["Two layouts", "mask", "heuristic:4", "beads per object pixel", "published", "optimum of a line"] {
         assert!(text.contains(part), "{part}");
     }
     let image = png(&figure).unwrap();
