@@ -12,6 +12,7 @@ use super::failure::Failure;
 use super::output::{self, ProgressLine};
 use crate::formats::{read_bytes, write_safely};
 use crate::forward::Design;
+use crate::information::EngineChoice;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
@@ -46,6 +47,10 @@ pub struct NetworkArgs {
     /// Train for any lenslet mask on this grid, and not for this mask alone.
     #[arg(long, conflicts_with = "measurement")]
     any_mask: bool,
+
+    /// Backend for the training of unet [default: cpu]: cpu, burn:ndarray, burn:wgpu or burn:cuda.
+    #[arg(long, conflicts_with = "measurement")]
+    engine: Option<EngineChoice>,
 
     /// Weights of an earlier run. With --budget or --steps training begins there, otherwise they are tested as they are.
     #[arg(long, value_name = "FILE", conflicts_with = "measurement")]
@@ -96,6 +101,9 @@ impl NetworkArgs {
             anyhow::bail!(
                 "{name}: expected --decoder network or unet, found {decoder}; choose one of these or leave {name} out"
             );
+        }
+        if self.engine.is_some() && decoder != DecoderKind::Unet {
+            anyhow::bail!("--engine: expected --decoder unet, found {decoder}; leave --engine out");
         }
         if self.any_mask && decoder != DecoderKind::Network {
             anyhow::bail!("--any-mask: expected --decoder network, found {decoder}; leave --any-mask out");
@@ -148,7 +156,7 @@ impl NetworkArgs {
                 line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
                 ControlFlow::Continue(())
             };
-            let training = DecoderTraining { kind, budget, seed };
+            let training = DecoderTraining { kind, budget, seed, engine: self.engine.unwrap_or_default() };
             let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
             line.finish();
             output::report(format_args!("Network {}: {}", index + 1, network.summary()));

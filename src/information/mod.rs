@@ -60,6 +60,7 @@ pub use density::gaussian::block_toeplitz::{log2_determinant, log2_determinants_
 pub use density::gaussian::dense::MAX_PATCH_PIXELS;
 pub use density::gaussian::full::FullGaussian;
 pub use density::gaussian::stationary::StationaryGaussian;
+pub(crate) use density::pixelcnn::burn_engine::{guarded, open_device};
 pub use density::pixelcnn::engine::Engine;
 pub use density::pixelcnn::gradient::FrozenPixelCnn;
 pub use density::pixelcnn::model::{Mixtures, PixelCnn};

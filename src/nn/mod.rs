@@ -31,7 +31,7 @@ pub use kernels::workspace_pool::Pool;
 pub use layers::activation::{
     elu, elu_backward, gate, gate_backward, glu, glu_backward, silu, silu_backward, silu_plus,
 };
-pub use layers::batch_norm::{BatchNorm, ChannelSums, NormRelu, moment_sums};
+pub use layers::batch_norm::{BATCH_NORM_EPSILON, BatchNorm, ChannelSums, NormRelu, moment_sums};
 pub use layers::convolution::Convolution3x3;
 pub use layers::dense::Layer;
 pub use layers::pixel_shuffle::{pixel_shuffle, pixel_unshuffle};

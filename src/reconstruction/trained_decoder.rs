@@ -9,6 +9,7 @@ use super::network::{NetworkDecoder, NetworkTraining, TrainedNetwork, TrainingBu
 use super::protocol::DecoderScene;
 use super::published_unet::{TrainedUnet, UnetDecoder, UnetTraining};
 use super::training_record::TrainingRecord;
+use crate::information::EngineChoice;
 use crate::nn::NetworkError;
 use crate::progress::{CancelToken, Progress};
 
@@ -24,6 +25,8 @@ pub struct DecoderTraining {
     pub budget: TrainingBudget,
     /// Seed of weights, objects and noise.
     pub seed: u64,
+    /// What computes the steps of the published U-net; the network on top of the linear estimate has the processor.
+    pub engine: EngineChoice,
 }
 
 /// A trained network of either kind.
@@ -50,7 +53,7 @@ impl DecoderTraining {
         cancel: &CancelToken,
         progress: &mut dyn Progress<TrainingStep>,
     ) -> Result<TrainedDecoder, ReconstructionError> {
-        let Self { kind, budget, seed } = self;
+        let Self { kind, budget, seed, engine } = self;
         match (kind, masks) {
             (DecoderKind::Network, _) => {
                 let start = start.and_then(|start| match start {
@@ -65,7 +68,7 @@ impl DecoderTraining {
                     TrainedDecoder::Unet(network) => Some(&**network),
                     TrainedDecoder::Network(_) => None,
                 });
-                let network = UnetTraining { budget, seed }.train(scene, model, start, cancel, progress)?;
+                let network = UnetTraining { budget, seed, engine }.train(scene, model, start, cancel, progress)?;
                 Ok(TrainedDecoder::Unet(Arc::new(network)))
             }
             (DecoderKind::Unet, TrainingMasks::Any { .. }) => Err(ReconstructionError::OneMask),

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use crate::forward::{Design, ForwardError, ForwardModel};
-use crate::information::{PosteriorChains, Protocol};
+use crate::information::{EngineChoice, PosteriorChains, Protocol};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     DecoderKind, DecoderQuality, DecoderScene, DecoderTest, DecoderTraining, ReconstructionError, ReconstructionStep,
@@ -46,7 +46,7 @@ impl QualityRequest {
         let cancel = CancelToken::new();
         let prior = kind.needs().objects.then(|| scene.prior(&cancel)).transpose()?.map(Arc::new);
         let decoder = if kind.needs().training {
-            let training = DecoderTraining { kind, budget, seed };
+            let training = DecoderTraining { kind, budget, seed, engine: EngineChoice::Cpu };
             let masks = TrainingMasks::One(model.clone());
             let trained = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
             trained.decoder(&scene, prior.as_ref())?

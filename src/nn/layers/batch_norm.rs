@@ -9,7 +9,7 @@ use crate::nn::kernels::arithmetic::vectorised;
 use crate::nn::kernels::elementwise::{each, elementwise};
 
 /// Added to a variance before its root.
-const EPSILON: f64 = 1e-4;
+pub const BATCH_NORM_EPSILON: f64 = 1e-4;
 /// Share of a batch in the running statistics.
 const MOMENTUM: f64 = 0.1;
 /// Pixels that are summed in single precision.
@@ -95,7 +95,7 @@ impl BatchNorm {
 
     fn with_moments(&self, mean: &[f64], variance: &[f64], weights: &[f32]) -> NormRelu {
         let (gain, shift) = (&weights[self.gain.clone()], &weights[self.shift.clone()]);
-        let inverse: Vec<f64> = variance.iter().map(|variance| 1.0 / (variance + EPSILON).sqrt()).collect();
+        let inverse: Vec<f64> = variance.iter().map(|variance| 1.0 / (variance + BATCH_NORM_EPSILON).sqrt()).collect();
         let scale: Vec<f64> = inverse.iter().zip(gain).map(|(inverse, &gain)| inverse * f64::from(gain)).collect();
         let offset = shift.iter().zip(mean.iter().zip(&scale));
         let offset = offset.map(|(&shift, (mean, scale))| (f64::from(shift) - mean * scale) as f32).collect();

@@ -1,5 +1,6 @@
 //! Published U-net (Kabuli et al. 2026): objects from the measurement alone, without a model of the camera.
 
+mod burn_module;
 mod decoder;
 mod layers;
 mod objects;

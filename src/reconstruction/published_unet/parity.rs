@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::burn_module::BurnPasses;
 use super::layers::Layers;
 use super::passes::{Evaluation, Example, Passes};
 use crate::formats::read_npz_f64;
+use crate::information::BurnDevice;
 use crate::progress::CancelToken;
 
 /// The values by `PyTorch`: weights, one batch, and what becomes of both.
@@ -93,6 +95,33 @@ fn outputs_loss_and_gradients_are_those_of_the_published_network() {
     let results: Vec<f32> = batch.iter().flat_map(|example| evaluation.result(&example.image)).collect();
     let error = worst(&results, &reference.array("output_eval"));
     assert!(error < 1e-4, "{error}");
+}
+
+/// Different code, the same mathematics.
+#[test]
+fn burn_gives_the_same_loss_gradients_and_statistics() {
+    let layers = Layers::new();
+    let mut weights = layers.layout.draw(5);
+    let (rows, cols) = (8, 12);
+    let numbers = |seed: usize| (0..rows * cols).map(|i| ((i * 37 + seed * 11) % 101) as f32 * 0.02 - 1.0).collect();
+    let batch: Vec<Example> = (0..3).map(|k| Example { image: numbers(k), truth: numbers(k + 9) }).collect();
+    let mut by_burn = weights.clone();
+    let (mut gradient, mut gradient_by_burn) = (vec![0.0; layers.trained.count()], vec![0.0; layers.trained.count()]);
+    let mut passes = Passes::new(&layers, (rows, cols));
+    let loss = passes.step(&mut weights, &batch, &mut gradient, &CancelToken::new()).unwrap();
+    let mut passes = BurnPasses::new(&layers, (rows, cols), BurnDevice::Ndarray).unwrap();
+    let loss_by_burn = passes.step(&mut by_burn, &batch, &mut gradient_by_burn).unwrap();
+    assert!((loss_by_burn / loss - 1.0).abs() < 1e-5, "{loss} {loss_by_burn}");
+    for tensor in layers.trained.tensors() {
+        let range = tensor.range.clone();
+        let error = worst(&gradient_by_burn[range.clone()], &gradient[range]);
+        assert!(error < 1e-3, "{}: {error}", tensor.name);
+    }
+    let (_, statistics) = layers.layout.tensors().split_at(layers.trained.tensors().len());
+    for tensor in statistics {
+        let error = worst(&by_burn[tensor.range.clone()], &weights[tensor.range.clone()]);
+        assert!(error < 1e-5, "{}: {error}", tensor.name);
+    }
 }
 
 #[test]

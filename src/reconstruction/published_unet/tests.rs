@@ -7,6 +7,7 @@ use ndarray::{Array2, Axis};
 
 use super::objects::{image_of, padded};
 use super::*;
+use crate::information::EngineChoice;
 use crate::information::Protocol;
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::progress::CancelToken;
@@ -34,7 +35,7 @@ fn model(scene: &DecoderScene, second: (usize, usize)) -> ImagingModel {
 }
 
 fn train(scene: &DecoderScene, model: &ImagingModel, steps: usize) -> TrainedUnet {
-    let training = UnetTraining { budget: TrainingBudget::Steps(steps), seed: 3 };
+    let training = UnetTraining { budget: TrainingBudget::Steps(steps), seed: 3, engine: EngineChoice::Cpu };
     training.train(scene, model, None, &CancelToken::new(), &mut CancelToken::new()).unwrap()
 }
 
@@ -75,7 +76,7 @@ fn network_learns_and_serves_its_own_mask_and_scene() {
         losses.push(step.loss);
         ControlFlow::Continue(())
     };
-    let training = UnetTraining { budget: TrainingBudget::Steps(20), seed: 3 };
+    let training = UnetTraining { budget: TrainingBudget::Steps(20), seed: 3, engine: EngineChoice::Cpu };
     let network = training.train(&scene, &model, None, &CancelToken::new(), &mut note).unwrap();
     assert!(losses.len() == 20 && losses.iter().all(|loss| loss.is_finite()), "{losses:?}");
     let (first, best) = (network.training.curve[0], network.training.psnr_db);
@@ -106,7 +107,7 @@ fn training_is_cancelled_and_too_large_fields_are_refused() {
         steps = step.steps;
         if step.steps == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let training = UnetTraining { budget: TrainingBudget::Steps(9), seed: 3 };
+    let training = UnetTraining { budget: TrainingBudget::Steps(9), seed: 3, engine: EngineChoice::Cpu };
     let result = training.train(&scene, &model(&scene, (1, 6)), None, &CancelToken::new(), &mut stop);
     assert!(matches!(result, Err(ReconstructionError::Cancelled)) && steps == 2);
     let large = self::scene((2000, 2000));

@@ -7,10 +7,12 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
+use super::burn_module::BurnPasses;
 use super::layers::Layers;
 use super::objects::{Objects, padded};
 use super::passes::{Evaluation, Passes};
 use super::trained::TrainedUnet;
+use crate::information::EngineChoice;
 use crate::nn::{Averaging, Optimizer, Rule};
 use crate::objects::Split;
 use crate::progress::{CancelToken, Progress};
@@ -56,6 +58,8 @@ pub struct UnetTraining {
     pub budget: TrainingBudget,
     /// Seed of weights, objects and noise.
     pub seed: u64,
+    /// What computes the steps; validations are always on the processor.
+    pub engine: EngineChoice,
 }
 
 impl UnetTraining {
@@ -93,7 +97,10 @@ impl UnetTraining {
         let trained = layers.trained.count();
         let mut optimizer = Optimizer::new(&layers.trained, &weights[..trained], Averaging::Off, |_| Rule::Adam);
         let mut gradient = vec![0.0; trained];
-        let mut passes = Passes::new(&layers, field);
+        let mut passes = match self.engine {
+            EngineChoice::Cpu => Engine::Kernels(Passes::new(&layers, field)),
+            EngineChoice::Burn(device) => Engine::Burn(BurnPasses::new(&layers, field, device)?),
+        };
         let mut order = Order { seed, epoch: 0, waiting: Vec::new() };
         let (mut steps, mut seconds, mut done, mut recent) = (0, 0.0, 0.0, None);
         let mut curve: Vec<TrainingPoint> = Vec::new();
@@ -102,8 +109,12 @@ impl UnetTraining {
         while done < 1.0 && best.waited < PATIENCE {
             let started = Instant::now();
             let batch = training.examples(&order.next())?;
-            let loss =
-                passes.step(&mut weights, &batch, &mut gradient, cancel).ok_or(ReconstructionError::Cancelled)?;
+            let loss = match &mut passes {
+                Engine::Kernels(passes) => {
+                    passes.step(&mut weights, &batch, &mut gradient, cancel).ok_or(ReconstructionError::Cancelled)?
+                }
+                Engine::Burn(passes) => passes.step(&mut weights, &batch, &mut gradient)?,
+            };
             let rate = RATE * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
             let kept = (1.0 - rate * WEIGHT_DECAY) as f32;
             weights[..trained].iter_mut().for_each(|weight| *weight *= kept);
@@ -151,6 +162,12 @@ impl UnetTraining {
             weights: best.weights,
         })
     }
+}
+
+/// What computes the steps.
+enum Engine<'a> {
+    Kernels(Passes<'a>),
+    Burn(BurnPasses<'a>),
 }
 
 fn check_memory(layers: &Layers, field: (usize, usize)) -> Result<(), ReconstructionError> {

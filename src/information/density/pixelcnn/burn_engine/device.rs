@@ -1,12 +1,39 @@
 //! The burn device of a name, and whether this machine has it.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use burn::tensor::Device;
 
 use crate::information::engine_choice::{BurnDevice, EngineChoice};
 use crate::information::error::InformationError;
 
+/// Runs `work` on a device and turns a panic into an error: burn's devices panic where memory or drivers fail.
+///
+/// # Errors
+/// That of `work`, or the first line of the panic.
+pub(crate) fn guarded<T>(
+    engine: EngineChoice,
+    work: impl FnOnce() -> Result<T, String>,
+) -> Result<T, InformationError> {
+    let message = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(value)) => return Ok(value),
+        Ok(Err(message)) => message,
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
+        }
+    };
+    // The lines after the first name the place in the libraries.
+    let message = message.lines().next().unwrap_or_default();
+    let reason = format!("{message}; check its driver and free memory, or choose the engine cpu");
+    Err(InformationError::Engine { engine, reason })
+}
+
 /// The device of this name.
-pub(super) fn open_device(device: BurnDevice) -> Result<Device, InformationError> {
+///
+/// # Errors
+/// Where this program was built without it, or this machine has none.
+pub(crate) fn open_device(device: BurnDevice) -> Result<Device, InformationError> {
     match device {
         // burn advises its flex device instead, whose kernels take minutes more to compile.
         #[allow(deprecated, reason = "the device that is compiled within a bearable time")]

@@ -1,12 +1,10 @@
 //! Losses and gradients by burn, computed for a chunk of patches at a time.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use burn::tensor::{Device, Tensor, TensorData, Transaction};
 use ndarray::{ArrayView3, Axis};
 
 use super::super::engine::Engine;
-use super::device::open_device;
+use super::device::{guarded, open_device};
 use super::mixture::mixture_losses;
 use super::network::Network;
 use crate::information::density::pixelcnn::model::{PixelCnn, check};
@@ -33,28 +31,12 @@ impl BurnEngine {
     pub fn open(device: BurnDevice) -> Result<Self, InformationError> {
         let engine = Self { choice: EngineChoice::Burn(device), device: open_device(device)? };
         // A driver that cannot compute is reported here and not during a fit.
-        engine.guarded(|| {
+        guarded(engine.choice, || {
             let ones = Tensor::<1>::ones([8], &engine.device).sum().into_data();
             let sum = ones.iter::<f32>().sum::<f32>();
             if sum == 8.0 { Ok(()) } else { Err(format!("eight ones sum to {sum} on it")) }
         })?;
         Ok(engine)
-    }
-
-    /// Runs `work` and turns a panic of the device into an error: burn's devices panic where memory or drivers fail.
-    fn guarded<T>(&self, work: impl FnOnce() -> Result<T, String>) -> Result<T, InformationError> {
-        let message = match catch_unwind(AssertUnwindSafe(work)) {
-            Ok(Ok(value)) => return Ok(value),
-            Ok(Err(message)) => message,
-            Err(panic) => {
-                let text = panic.downcast_ref::<String>().map(String::as_str);
-                text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("the device failed").to_owned()
-            }
-        };
-        // The lines after the first name the place in the libraries.
-        let message = message.lines().next().unwrap_or_default();
-        let reason = format!("{message}; check its driver and free memory, or choose the engine cpu");
-        Err(InformationError::Engine { engine: self.choice, reason })
     }
 
     /// Losses of the pixels of some patches (photons), nats, shape (pixels, 1), and the patches as a burn tensor.
@@ -94,7 +76,7 @@ impl Engine for BurnEngine {
         let pixels = patches.len_of(Axis(1)) * patches.len_of(Axis(2));
         let weight = 1.0 / patches.len() as f32;
         gradient.fill(0.0);
-        self.guarded(|| {
+        guarded(self.choice, || {
             let network = Network::new(&model.layers, &model.weights, &device);
             let mut nats = 0.0;
             for (index, part) in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)).enumerate() {
@@ -133,7 +115,7 @@ impl Engine for BurnEngine {
     ) -> Result<Vec<f64>, InformationError> {
         let grid = check(patches)?;
         let pixels = grid.rows * grid.cols;
-        self.guarded(|| {
+        guarded(self.choice, || {
             let network = Network::new(&model.layers, &model.weights, &self.device);
             let mut bits = Vec::with_capacity(grid.samples);
             for part in patches.axis_chunks_iter(Axis(0), samples_per_chunk(pixels)) {

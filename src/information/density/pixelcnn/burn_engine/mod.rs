@@ -6,4 +6,5 @@ mod engine;
 mod mixture;
 mod network;
 
+pub(crate) use device::{guarded, open_device};
 pub(super) use engine::BurnEngine;
