@@ -3,7 +3,7 @@
 use ndarray::Array2;
 use serde::{Deserialize, Serialize};
 
-use super::channel::{ColourChannel, ColourChoice};
+use super::channel::ColourChoice;
 use super::error::CameraError;
 use super::frames::{BlockSums, FrameReader, FrameStack};
 use super::nonuniformity::{Outliers, is_shaded, outliers, spatial_variance};
@@ -169,13 +169,7 @@ pub fn calibrate(
     colour: ColourChoice,
     progress: &mut dyn Progress<CalibrationProgress>,
 ) -> Result<CalibratedCamera, CameraError> {
-    // Of both greens of a mosaic the first is calibrated: one plane has one gain.
-    let is_green = matches!(colour.channel, None | Some(ColourChannel::Green));
-    let colour = if colour.bayer.is_some() && is_green {
-        ColourChoice { channel: Some(ColourChannel::G1), ..colour }
-    } else {
-        colour
-    };
+    let colour = colour.of_one_plane();
     let total = series.groups.len() + 1;
     let mut reading = Reading { reader: FrameReader::new(series, colour), progress, done: 0, total };
     let (darks, lights): (Vec<&FrameGroup>, Vec<&FrameGroup>) = series.groups.iter().partition(|group| group.is_dark);

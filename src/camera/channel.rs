@@ -30,7 +30,8 @@ pub enum ColourChannel {
 }
 
 impl ColourChannel {
-    const NAMES: [(Self, &'static str); 7] = [
+    /// All colours, by their names.
+    pub const NAMES: [(Self, &'static str); 7] = [
         (Self::Red, "red"),
         (Self::Green, "green"),
         (Self::Blue, "blue"),
@@ -79,7 +80,8 @@ pub enum BayerPattern {
 }
 
 impl BayerPattern {
-    const NAMES: [(Self, &'static str); 4] =
+    /// All patterns, by their names.
+    pub const NAMES: [(Self, &'static str); 4] =
         [(Self::Rggb, "RGGB"), (Self::Bggr, "BGGR"), (Self::Grbg, "GRBG"), (Self::Gbrg, "GBRG")];
 
     /// Row and column of red among the top left 2 x 2 pixels. Blue is diagonal to it.
@@ -185,6 +187,12 @@ impl ColourChoice {
             colour = Some("the green channel of colour images (--channel takes another)".into());
         }
         Ok(ChosenFrames::of(stack, colour, |array| vec![array]))
+    }
+
+    /// The choice for a calibration: of both greens of a mosaic the first is taken, because one plane has one gain.
+    pub(super) fn of_one_plane(self) -> Self {
+        let is_green = matches!(self.channel, None | Some(ColourChannel::Green));
+        if self.bayer.is_some() && is_green { Self { channel: Some(ColourChannel::G1), ..self } } else { self }
     }
 
     /// Whether both greens of a mosaic are summed.

@@ -8,7 +8,7 @@ use super::channel::ColourChoice;
 use super::error::CameraError;
 use super::grey_values::GreyValues;
 use super::series::{FrameGroup, FrameSeries};
-use crate::formats::{ImageFile, Meaning, bits_of};
+use crate::formats::bits_of;
 
 /// Frames of one group, reduced to temporal statistics of each pixel, row by row, in grey values (DN).
 #[derive(Clone, Debug)]
@@ -66,14 +66,7 @@ impl<'a> FrameReader<'a> {
     pub(super) fn read(&mut self, group: &FrameGroup) -> Result<FrameStack, CameraError> {
         let mut sums: Option<Sums> = None;
         for path in &group.files {
-            let meaning = &self.series.meaning;
-            // A path of a descriptor may have options of its own.
-            let file = if *meaning == Meaning::default() {
-                ImageFile::find(path)?
-            } else {
-                ImageFile { path: path.clone(), meaning: meaning.clone() }
-            };
-            let read = self.colour.read(&file)?;
+            let read = self.colour.read(&self.series.image_file(path)?)?;
             // One plane of pixels has one dark signal and one gain.
             let Some(plane) = read.planes.into_iter().next() else { continue };
             let shape = (plane.dim().1, plane.dim().2);

@@ -4,11 +4,13 @@
 
 mod calibration;
 mod channel;
+mod curves;
 mod descriptor;
 mod error;
 mod file;
 mod frames;
 mod grey_values;
+mod group_summary;
 mod grouping;
 mod line;
 mod locate;
@@ -18,14 +20,18 @@ mod response;
 mod series;
 #[cfg(test)]
 mod simulated;
+mod summary;
 #[cfg(test)]
 mod tests;
 mod transfer;
 
 pub use calibration::{CalibratedCamera, CalibrationProgress, CameraCalibration, CameraMaps, PixelList, calibrate};
 pub use channel::{BayerPattern, ChosenFrames, ColourChannel, ColourChoice};
+pub use curves::{LinearityCurve, LinearityPoint};
 pub use error::CameraError;
 pub use file::{CameraFile, MapFiles};
 pub use grey_values::{GreyValues, Saturated, Wrapped};
+pub use group_summary::GroupSummary;
 pub use series::{FrameGroup, FrameSeries, Grouping};
+pub use summary::Quantity;
 pub use transfer::LightLevel;

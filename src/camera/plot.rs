@@ -84,13 +84,12 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 
 fn photon_transfer(area: &Area<'_>, camera: &CameraCalibration) -> Drawn {
     let levels = &camera.light_levels;
-    let points: Vec<(f64, f64)> =
-        levels.iter().map(|level| (level.signal_dn, level.temporal_variance_dn2 - level.dark_variance_dn2)).collect();
+    let points: Vec<(f64, f64)> = levels.iter().map(|level| (level.signal_dn, level.shot_variance_dn2())).collect();
     let (x, y) = (largest(points.iter().map(|point| point.0)), largest(points.iter().map(|point| point.1)));
     let gain = camera.system_gain_dn_per_electron;
     // The line ends where it leaves the panel.
     let end = x.min(1.1 * y / gain);
-    let fitted = largest(levels.iter().filter(|level| level.is_fitted).map(|level| level.signal_dn));
+    let fitted = camera.fitted_signal_dn();
     let panel = Panel {
         title: format!("Photon transfer: K = {gain:.4} DN per electron"),
         x: ("signal (DN)", x),
@@ -103,18 +102,12 @@ fn photon_transfer(area: &Area<'_>, camera: &CameraCalibration) -> Drawn {
 }
 
 fn signal_to_noise(area: &Area<'_>, camera: &CameraCalibration) -> Drawn {
-    let gain = camera.system_gain_dn_per_electron;
-    let decibels = |ratio: f64| 20.0 * ratio.log10();
-    let log = |electrons: f64| electrons.log10();
-    let bright = camera.light_levels.iter().filter(|level| level.signal_dn > gain && level.temporal_variance_dn2 > 0.0);
-    let points: Vec<(f64, f64)> = bright
-        .map(|level| (log(level.signal_dn / gain), decibels(level.signal_dn / level.temporal_variance_dn2.sqrt())))
-        .filter(|(_, ratio)| *ratio > 0.0)
-        .collect();
-    let (x, noise) = (log(camera.saturation_electrons.max(10.0)), camera.temporal_dark_noise_dn / gain);
+    let points: Vec<(f64, f64)> =
+        camera.snr_of_levels().into_iter().map(|[electrons, ratio]| (electrons.log10(), ratio)).collect();
+    let x = camera.saturation_electrons.max(10.0).log10();
     let at = |step: i32| {
         let electrons = 10_f64.powf(x * f64::from(step) / 100.0);
-        (log(electrons), decibels(electrons / (electrons + noise * noise).sqrt()).max(0.0))
+        (electrons.log10(), camera.snr_db(electrons).max(0.0))
     };
     let panel = Panel {
         title: format!("SNR: at most {:.1} dB, range {:.1} dB", camera.snr_max_db, camera.dynamic_range_db),

@@ -4,7 +4,7 @@ use super::line::{Line, slope_through_origin};
 use super::transfer::LightLevel;
 
 /// Range of the signal in which linearity is judged, as shares of saturation (EMVA 1288).
-const LINEAR: std::ops::RangeInclusive<f64> = 0.05..=0.95;
+pub(super) const LINEAR: std::ops::RangeInclusive<f64> = 0.05..=0.95;
 /// Share of the saturation up to which the responsivity is fitted.
 const RESPONSIVE_SHARE: f64 = 0.7;
 /// Smallest number of levels for a line and its deviations.

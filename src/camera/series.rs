@@ -1,11 +1,11 @@
 //! Frames for a calibration, in groups of equal light.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::formats::Meaning;
+use crate::formats::{FormatError, ImageFile, Meaning};
 use crate::plural::counted;
 
 /// Frames of one exposure and one light.
@@ -67,6 +67,15 @@ pub struct FrameSeries {
 }
 
 impl FrameSeries {
+    /// A file of the series with its interpretation. A path of a descriptor may have options of its own.
+    pub(super) fn image_file(&self, path: &Path) -> Result<ImageFile, FormatError> {
+        if self.meaning == Meaning::default() {
+            ImageFile::find(path)
+        } else {
+            Ok(ImageFile { path: path.to_path_buf(), meaning: self.meaning.clone() })
+        }
+    }
+
     /// Summary of the groups, a line each.
     pub fn lines(&self) -> Vec<String> {
         let mut lines =

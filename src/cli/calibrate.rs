@@ -12,10 +12,9 @@ use super::output;
 use super::output::ProgressLine;
 use crate::camera::{
     BayerPattern, CalibratedCamera, CalibrationProgress, CameraCalibration, CameraFile, ColourChannel, ColourChoice,
-    FrameSeries, Grouping, calibrate,
+    FrameSeries, Grouping, Quantity, calibrate,
 };
 use crate::formats::check_writable;
-use crate::plural::counted;
 
 /// Bits of a descriptor for frames whose depth is unknown.
 const MOST_BITS: u32 = 16;
@@ -162,64 +161,17 @@ impl Arguments {
     }
 }
 
-/// A row of the table: name, value with its unit, and interval.
-fn row(name: &str, value: f64, unit: &str, interval: Option<[f64; 2]>) -> String {
-    let interval = interval.map_or(String::new(), |[low, high]| format!("  [{}, {}]", digits(low), digits(high)));
-    format!("{name:<22}{:>12} {unit:<10}{interval}", digits(value)).trim_end().to_owned()
-}
-
-/// A row of a quantity that may be unknown.
-fn row_if(name: &str, value: Option<f64>, unit: &str) -> String {
-    value.map_or_else(|| format!("{name:<22}{:>12}", "unknown"), |value| row(name, value, unit, None))
-}
-
-/// A number with five significant digits.
-fn digits(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let before = value.abs().log10().floor() as i32 + 1;
-    format!("{value:.*}", usize::try_from(5 - before).unwrap_or(0))
-}
-
 /// The calibration as a table and notes.
 fn lines_of(camera: &CameraCalibration) -> Vec<String> {
-    let mut lines = vec![
-        row(
-            "system gain",
-            camera.system_gain_dn_per_electron,
-            "DN/e-",
-            Some(camera.system_gain_dn_per_electron_interval_95),
-        ),
-        row("inverse gain", 1.0 / camera.system_gain_dn_per_electron, "e-/DN", None),
-        row("dark signal", camera.dark_signal_dn, "DN", Some(camera.dark_signal_dn_interval_95)),
-        row(
-            "temporal dark noise",
-            camera.temporal_dark_noise_dn,
-            "DN",
-            Some(camera.temporal_dark_noise_dn_interval_95),
-        ),
-        row("", camera.temporal_dark_noise_electrons, "e-", Some(camera.temporal_dark_noise_electrons_interval_95)),
-        row("saturation", camera.saturation_dn, "DN", None),
-        row("saturation capacity", camera.saturation_electrons, "e-", None),
-        row("largest SNR", camera.snr_max_db, "dB", None),
-        row("dynamic range", camera.dynamic_range_db, "dB", None),
-        row_if("linearity error", camera.linearity_error_percent, "%"),
-        row_if("DSNU", camera.dsnu_electrons, "e-"),
-        row_if("PRNU", camera.prnu_percent, "%"),
-        row_if("quantum efficiency", camera.quantum_efficiency, "e-/photon"),
-    ];
-    let fitted = camera.light_levels.iter().filter(|level| level.is_fitted).count();
-    lines.push(format!(
-        "{} x {} px, {}, {fitted} of them fitted; {}, {}",
-        camera.rows,
-        camera.cols,
-        counted(camera.light_levels.len(), "light level"),
-        counted(camera.hot_pixels.count, "hot pixel"),
-        counted(camera.dim_pixels.count, "dim pixel")
-    ));
-    lines.extend(camera.colour.iter().map(|colour| format!("taken: {colour}")));
-    lines.extend(camera.notes.iter().map(|note| format!("note: {note}")));
+    let mut lines: Vec<String> = camera.quantities().iter().map(row).collect();
+    lines.extend(camera.remarks());
     lines.push("brackets hold 95 % intervals".into());
     lines
+}
+
+/// A row of the table: name, value with its unit, and interval.
+fn row(quantity: &Quantity) -> String {
+    let unit = quantity.value.map_or("", |_| quantity.unit);
+    let (value, interval) = (quantity.value_text(), quantity.interval_text());
+    format!("{:<22}{value:>12} {unit:<10}  {interval}", quantity.name).trim_end().to_owned()
 }

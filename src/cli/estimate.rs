@@ -10,7 +10,7 @@ use super::choices::{
 };
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
-use super::measurements::MeasuredArgs;
+use super::measurements::{MeasuredArgs, comparison_lines};
 use super::output;
 use super::output::ProgressLine;
 use crate::evaluation::{DensityModel, EstimateProgress, EstimateRequest, WeightsFiles, estimate, is_checkpoint_file};
@@ -165,19 +165,23 @@ impl Arguments {
         let conditions = self.measured.conditions(design.noise, design.seed);
         let result = match &self.measured.measurements[..] {
             [] => estimate(&design, &request, &mut on_progress).map_err(|error| about_objects(&design, error))?,
-            [source] => self.measured.estimate(source, &request, conditions, &mut on_progress)?,
-            _ => {
-                if self.resume.is_some() || self.weights.is_some() || self.save_weights.is_some() {
+            sources => {
+                let is_single = sources.len() == 1;
+                if !is_single && (self.resume.is_some() || self.weights.is_some() || self.save_weights.is_some()) {
                     let advice = "--resume, --weights and --save-weights are for one system; give --measurements once";
                     return Err(anyhow::anyhow!(advice).into());
                 }
-                let compared = self.measured.compare(&request, conditions, &mut on_progress)?;
-                progress_line.finish();
-                return if self.json {
-                    output::print_json(&compared.marked())
+                let mut compared = self.measured.comparison(request.clone(), conditions).run(&mut on_progress)?;
+                if is_single && let Some(single) = compared.systems.pop() {
+                    single
                 } else {
-                    output::print(&compared.lines(lines_of).join("\n"))
-                };
+                    progress_line.finish();
+                    return if self.json {
+                        output::print_json(&compared.marked())
+                    } else {
+                        output::print(&comparison_lines(&compared, lines_of).join("\n"))
+                    };
+                }
             }
         };
         progress_line.finish();

@@ -9,9 +9,10 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-use super::{bounds, calibrate, export, measurements, optimize, reproduce, simulate, tamura};
+use super::{bounds, calibrate, export, optimize, reproduce, simulate, tamura};
 use crate::camera::CameraFile;
 use crate::design::IdealSettings;
+use crate::evaluation::Compared;
 use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::MASK_DOCUMENT_VERSION;
@@ -90,7 +91,7 @@ fn pages() -> Vec<Page> {
             WITH_MASKS,
         ),
         of_kind(
-            written::<measurements::Compared>("system-comparison", "The JSON of estimate for several systems"),
+            written::<Compared>("system-comparison", "The JSON of estimate for several systems"),
             "lenslet-studio/system-comparison",
             &[1],
         ),

@@ -93,6 +93,7 @@ pub struct MeasuredImages {
     pub(crate) calibration: Calibration,
     pub(crate) origins: Origins,
     pub(crate) notes: Vec<String>,
+    pub(crate) understood: String,
 }
 
 /// Limit that the number of grey values sets to information.
@@ -192,6 +193,16 @@ impl MeasuredImages {
     /// Photons per (binned) pixel, shape (n, rows, cols).
     pub fn photons(&self) -> ArrayView3<'_, f32> {
         self.photons.view()
+    }
+
+    /// Mean of all pixels, photons per (binned) pixel.
+    pub fn mean(&self) -> f64 {
+        self.photons.iter().map(|&value| f64::from(value)).sum::<f64>() / self.photons.len().max(1) as f64
+    }
+
+    /// What was understood of the files, as the estimate notes it.
+    pub fn understood(&self) -> &str {
+        &self.understood
     }
 
     /// BLAKE3 sum of shape and pixels, in hexadecimal.

@@ -15,6 +15,7 @@ use crate::evaluation::pixel_calibration::{Origins, PixelCalibration};
 use crate::evaluation::progress::{EstimateProgress, report_step, report_understood};
 use crate::formats::{FormatError, ImageSummary, bits_of, image_files};
 use crate::progress::Progress;
+use crate::sensor::Noise;
 
 /// How camera images become electrons.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,7 +90,7 @@ impl MeasuredImages {
         let understood = format!("{}: {understood}; {values}{taken}", path.display());
         report_understood(progress, &understood)?;
         let mut notes = grey_notes(&values);
-        notes.push(understood);
+        notes.push(understood.clone());
         notes.push(options.describe(&calibration));
         notes.extend(options.view.describe());
         let negative = photons.iter().filter(|value| **value < 0.0).count();
@@ -104,11 +105,24 @@ impl MeasuredImages {
             bits: (summed as f64 * (levels - 1.0) + 1.0).log2(),
             step: values.step().unwrap_or(1.0) / calibration.constants.gain,
         });
-        Ok(Self { photons, path: path.to_path_buf(), limit, calibration: calibration.constants, origins, notes })
+        let (path, calibration) = (path.to_path_buf(), calibration.constants);
+        Ok(Self { photons, path, limit, calibration, origins, notes, understood })
     }
 }
 
 impl MeasuredOptions {
+    /// Noise of the camera file: shot noise with its temporal dark noise; `None` without a file or without dark noise.
+    ///
+    /// # Errors
+    /// [`MeasuredError`] where the camera file cannot be read.
+    pub fn camera_noise(&self) -> Result<Option<Noise>, MeasuredError> {
+        let Some(path) = &self.camera else { return Ok(None) };
+        let camera = CalibratedCamera::open(path)?.calibration;
+        // Bins add the variances of their pixels.
+        let sigma = camera.temporal_dark_noise_electrons * self.calibration.bin.max(1) as f64;
+        Ok((sigma > 1e-3).then_some(Noise::ShotRead { sigma: (sigma * 1e4).round() / 1e4 }))
+    }
+
     /// Calibration of the pixels from all sources; dark and flat images go before the maps of the camera.
     fn pixels(&self) -> Result<PixelCalibration, MeasuredError> {
         self.calibration.check()?;

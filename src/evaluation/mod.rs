@@ -3,6 +3,7 @@
 pub(crate) mod bead_bound_schedule;
 pub(crate) mod calibration;
 pub(crate) mod checkpoint;
+pub(crate) mod comparison;
 pub(crate) mod equal_light;
 pub(crate) mod estimation;
 pub(crate) mod measured;
@@ -21,6 +22,7 @@ pub(crate) mod scene;
 pub use bead_bound_schedule::pretrained_lower_bound;
 pub use calibration::Calibration;
 pub use checkpoint::is_checkpoint_file;
+pub use comparison::{Compared, SystemComparison, SystemDifference};
 pub use equal_light::EqualLight;
 pub use estimation::estimate;
 pub use measured::{MeasuredConditions, MeasuredImages, MeasuredOrder};

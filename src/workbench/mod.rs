@@ -1,6 +1,7 @@
 //! The workbench: the open design, its commands, the worker that evaluates it, and files. It does not depend on the window.
 
 mod background;
+mod cameras;
 mod captures;
 mod document;
 mod estimates;
@@ -14,6 +15,11 @@ mod studies;
 mod trainings;
 
 pub use background::activity::{Activity, ActivityKind, ActivityState};
+pub use background::latest::WorkState;
+pub use cameras::calibration::{CalibrationOrder, CalibrationResults};
+pub use cameras::comparison::{ComparisonOrder, ComparisonResults};
+pub use cameras::desk::CameraResults;
+pub use cameras::previews::{CapturePreview, CapturePreviews, SystemCaptures};
 pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
@@ -30,8 +36,8 @@ pub use export::reconstruction_files::{
 };
 pub use export::stacks::{MEASUREMENT_STACKS, MeasuredStacks, MeasurementFormat, export_measurements, measure_into};
 pub use jobs::commands::{
-    bounds_command, capture_command, estimate_command, images_command, reconstruct_command, reproduce_command,
-    run_command,
+    bounds_command, capture_command, comparison_command, estimate_command, images_command, reconstruct_command,
+    reproduce_command, run_command,
 };
 pub use jobs::job::{Job, Outcome};
 pub use jobs::record::{Record, RecordError};

@@ -1,5 +1,6 @@
 //! A session: the open design and its worker.
 
+pub mod cameras;
 pub mod estimates;
 pub mod reconstructions;
 pub mod run_preview;
@@ -16,6 +17,7 @@ use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 use crate::workbench::background::activity::{Activities, Activity, ActivityKind};
 use crate::workbench::background::threads::{Threads, Wake};
+use crate::workbench::cameras::desk::CameraDesk;
 use crate::workbench::captures::capturer::Capturer;
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
@@ -57,6 +59,7 @@ pub struct Session {
     pub(crate) capturer: Capturer,
     pub(crate) trainer: Trainer,
     pub(crate) study: StudyThread,
+    pub(crate) cameras: CameraDesk,
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
     autosave: Option<Autosave>,
@@ -95,6 +98,7 @@ impl Session {
             reconstructor: Reconstructor::start(Arc::clone(&wake), threads.clone())?,
             trainer,
             study: StudyThread::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
+            cameras: CameraDesk::start(&wake, &threads, &activities)?,
             capturer: Capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
             wake,
@@ -166,7 +170,7 @@ impl Session {
         self.activities.all()
     }
 
-    /// Estimates, captures, runs and trainings that ended since the last call, oldest first.
+    /// Long activities that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         self.activities.take_ended()
     }
@@ -181,6 +185,8 @@ impl Session {
             ActivityKind::Run => self.stop_run(),
             ActivityKind::Training => self.stop_training(),
             ActivityKind::Study => self.stop_study(),
+            ActivityKind::Calibration => self.stop_calibration(),
+            ActivityKind::Comparison => self.stop_comparison(),
         }
     }
 

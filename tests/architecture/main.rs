@@ -62,6 +62,7 @@ const ORDER: [(&str, &[&str]); 3] = [
             "live",
             "reconstructions",
             "captures",
+            "cameras",
             "trainings",
             "studies",
             "runs",

@@ -31,6 +31,10 @@ pub enum ActivityKind {
     Training,
     /// The cells of a study.
     Study,
+    /// The calibration of a camera.
+    Calibration,
+    /// The comparison of systems.
+    Comparison,
 }
 
 /// State of an activity.
@@ -165,7 +169,7 @@ impl Activities {
         lock(&self.0).entries.clone()
     }
 
-    /// Estimates, captures, runs, trainings and studies that ended since the last call, oldest first.
+    /// Long activities that ended since the last call, oldest first.
     pub fn take_ended(&self) -> Vec<Arc<Activity>> {
         std::mem::take(&mut lock(&self.0).ended)
     }
@@ -187,6 +191,8 @@ impl Activities {
                     | ActivityKind::Run
                     | ActivityKind::Training
                     | ActivityKind::Study
+                    | ActivityKind::Calibration
+                    | ActivityKind::Comparison
             );
             if is_long {
                 ended.push(Arc::clone(entry));

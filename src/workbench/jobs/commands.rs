@@ -13,6 +13,8 @@ use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
 use crate::reconstruction::{DarkLevel, DecoderKind};
+use crate::workbench::cameras::comparison::ComparisonOrder;
+use crate::workbench::cameras::previews::SystemCaptures;
 use crate::workbench::captures::queue::CaptureOrder;
 use crate::workbench::runs::segment_lengths;
 
@@ -88,6 +90,43 @@ pub fn images_command(measured: &MeasuredOrder, request: &EstimateRequest, desig
         design.seed,
         estimate_flags(request)
     )
+}
+
+/// Command that estimates and compares systems, at equal light or at their own.
+pub fn comparison_command(order: &ComparisonOrder, at_equal_light: bool) -> String {
+    let ComparisonOrder { captures, request, noise, equal_light, seed, is_simultaneous } = order;
+    let SystemCaptures { sources, options } = &**captures;
+    let mut flags: Vec<String> =
+        sources.iter().map(|source| format!("--measurements {}", absolute(Path::new(&source.to_string())))).collect();
+    let Calibration { gain, offset, bin } = options.calibration;
+    match &options.camera {
+        Some(camera) => flags.push(format!("--camera {}", absolute(camera))),
+        None => flags.push(format!("--gain {gain}")),
+    }
+    if options.camera.is_none() && options.dark.is_none() {
+        flags.push(format!("--offset={offset}"));
+    }
+    flags.extend(options.dark.iter().map(|path| format!("--dark {}", absolute(path))));
+    flags.extend(options.flat.iter().map(|path| format!("--flat {}", absolute(path))));
+    flags.extend(options.colour.channel.map(|channel| format!("--channel {channel}")));
+    flags.extend(options.colour.bayer.map(|pattern| format!("--bayer {pattern}")));
+    flags.extend(options.view.crop.map(|crop| format!("--crop {crop}")));
+    if options.view.quarter_turns > 0 {
+        flags.push(format!("--rotate {}", 90 * u16::from(options.view.quarter_turns)));
+    }
+    if options.view.is_mirrored {
+        flags.push("--mirror".into());
+    }
+    flags.push(format!("--bin {bin}"));
+    if *is_simultaneous {
+        flags.push("--simultaneous".into());
+    }
+    flags.extend(equal_light.filter(|_| at_equal_light).map(|light| format!("--equal-light {light}")));
+    // A camera file states its noise.
+    if options.camera.is_none() {
+        flags.push(format!("--noise {noise}"));
+    }
+    format!("lenslet-studio estimate {} --seed {seed} {}", flags.join(" "), estimate_flags(request))
 }
 
 fn estimate_flags(request: &EstimateRequest) -> String {

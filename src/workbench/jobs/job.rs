@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use ndarray::{Array2, Array3, ArrayD, Axis};
 
+use crate::camera::CalibratedCamera;
 use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::formats::{write_csv_text, write_png_rgb};
 use crate::forward::{Design, ForwardModel};
@@ -173,6 +174,13 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
+    /// Writes a camera file, with maps and drawing beside it.
+    SaveCamera {
+        /// The camera.
+        camera: Arc<CalibratedCamera>,
+        /// The file.
+        path: PathBuf,
+    },
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -310,7 +318,7 @@ impl Job {
     pub fn name(&self) -> String {
         match self {
             Self::OpenDesign { path, .. } | Self::OpenNetwork { path, .. } => format!("Open {}", path.display()),
-            Self::SaveDesign { path, .. } => format!("Save {}", path.display()),
+            Self::SaveDesign { path, .. } | Self::SaveCamera { path, .. } => format!("Save {}", path.display()),
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
@@ -424,6 +432,9 @@ impl Job {
                 let rows = StudyTable::new(folder, states).csv_rows().into_iter();
                 write_csv_text(path, &CSV_HEADER, rows).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
+            }
+            Self::SaveCamera { camera, path } => {
+                Ok(Outcome::Exported { files: camera.write(path).map_err(|error| error.to_string())? })
             }
             Self::ExportCurve { curve, path } => {
                 curve.write(path).map_err(|error| error.to_string())?;

@@ -1,0 +1,77 @@
+//! Comparison of systems by their captures.
+
+use std::sync::Arc;
+
+use crate::evaluation::{
+    Compared, EqualLight, EstimateProgress, EstimateRequest, MeasuredConditions, SystemComparison,
+};
+use crate::plural::counted;
+use crate::sensor::Noise;
+use crate::workbench::background::activity::ActivityKind;
+use crate::workbench::background::latest::{Order, Work};
+use crate::workbench::cameras::previews::SystemCaptures;
+
+/// An order to estimate and compare systems.
+#[derive(Clone, Debug)]
+pub struct ComparisonOrder {
+    /// The captures.
+    pub captures: Arc<SystemCaptures>,
+    /// The estimates.
+    pub request: EstimateRequest,
+    /// Noise of the photons where no camera file states it.
+    pub noise: Noise,
+    /// Mean of equal light, photons per pixel; `None` compares the systems at their own light alone.
+    pub equal_light: Option<f64>,
+    /// Seed of all random draws.
+    pub seed: u64,
+    /// Whether frames of equal numbers show the same scene.
+    pub is_simultaneous: bool,
+}
+
+/// A finished comparison.
+#[derive(Clone, Debug)]
+pub struct ComparisonResults {
+    /// What was ordered.
+    pub order: ComparisonOrder,
+    /// The systems at their own light.
+    pub own: Compared,
+    /// The systems at equal light, if that was ordered.
+    pub equal: Option<Compared>,
+}
+
+impl ComparisonOrder {
+    fn compare(&self, light: Option<EqualLight>, work: &Work<'_, Self>) -> Result<Compared, String> {
+        let SystemCaptures { sources, options } = &*self.captures;
+        let noise = options.camera_noise().map_err(|error| error.to_string())?.unwrap_or(self.noise);
+        let comparison = SystemComparison {
+            sources: sources.clone(),
+            options: options.clone(),
+            request: self.request.clone(),
+            conditions: MeasuredConditions { noise, light, seed: self.seed },
+            is_simultaneous: self.is_simultaneous,
+        };
+        let place = if light.is_some() { "equal light" } else { "own light" };
+        let mut on_progress = |progress: &EstimateProgress| {
+            let share = progress.done as f64 / progress.total.max(1) as f64;
+            work.report(&format!("{} ({place})", progress.step), Some(share))
+        };
+        comparison.run(&mut on_progress).map_err(|error| error.to_string())
+    }
+}
+
+impl Order for ComparisonOrder {
+    type Results = Option<Arc<ComparisonResults>>;
+
+    fn activity(&self) -> Option<(ActivityKind, String)> {
+        Some((ActivityKind::Comparison, format!("Compare {}", counted(self.captures.sources.len(), "system"))))
+    }
+
+    fn run(&self, work: &Work<'_, Self>) -> Result<(), String> {
+        let own = self.compare(None, work)?;
+        let light = self.equal_light.map(|mean_photons| EqualLight { mean_photons, ..EqualLight::default() });
+        let equal = light.map(|light| self.compare(Some(light), work)).transpose()?;
+        let results = Arc::new(ComparisonResults { order: self.clone(), own, equal });
+        work.publish(|newest| *newest = Some(results));
+        Ok(())
+    }
+}
