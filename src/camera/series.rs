@@ -24,6 +24,13 @@ pub struct FrameGroup {
     pub files: Vec<PathBuf>,
 }
 
+impl FrameGroup {
+    /// The exposure time with a unit, such as `12.5 ms`; `None` where it is unknown.
+    pub fn exposure_text(&self) -> Option<String> {
+        self.exposure_ns.map(exposure_text)
+    }
+}
+
 /// How the groups were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -82,7 +89,7 @@ impl FrameSeries {
             vec![format!("{}: {} by {}", self.path.display(), counted(self.groups.len(), "group"), self.grouping)];
         lines.extend(self.groups.iter().map(|group| {
             let kind = if group.is_dark { "dark" } else { "light" };
-            let exposure = group.exposure_ns.map_or(String::new(), |ns| format!(", {}", exposure_text(ns)));
+            let exposure = group.exposure_text().map_or(String::new(), |text| format!(", {text}"));
             let photons = group.photons.map_or(String::new(), |photons| format!(", {photons} photons"));
             format!("  {kind:5} {}: {}{exposure}{photons}", group.label, counted(group.files.len(), "file"))
         }));

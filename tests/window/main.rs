@@ -1,5 +1,6 @@
 //! The window, driven by the names that assistive technology sees.
 
+mod cameras;
 mod capture;
 mod compare;
 mod dialogs;

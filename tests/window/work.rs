@@ -36,7 +36,7 @@ pub fn copied(window: &mut Window, name: &str) -> String {
 
 /// Output of a command line from the window, run by a shell in another folder.
 #[cfg(unix)]
-fn run_line(line: &str) -> serde_json::Value {
+pub fn run_line(line: &str) -> serde_json::Value {
     let folder = tempfile::tempdir().unwrap();
     let line = line.replacen("lenslet-studio", env!("CARGO_BIN_EXE_lenslet-studio"), 1);
     let shell =

@@ -7,7 +7,9 @@ use crate::studio::state::dialogs::{ActionPalette, SettingsDialog};
 use crate::studio::state::messages::Severity;
 use crate::studio::state::pane::Pane;
 use crate::studio::state::path_dialog::PathPurpose;
-use crate::studio::state::request::{EstimatesRequest, Request, RunRequest, Setting, StudyRequest, TrainingRequest};
+use crate::studio::state::request::{
+    CameraRequest, EstimatesRequest, Request, RunRequest, Setting, StudyRequest, TrainingRequest,
+};
 use crate::studio::state::transition::Transition;
 use crate::studio::state::window_layout::LayoutRequest;
 use crate::workbench::{Recovered, Session};
@@ -42,6 +44,7 @@ fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::Run(request) => serve_run(request, state),
         Request::Training(request) => serve_training(request, state),
         Request::Study(request) => serve_study(request, ctx, state),
+        Request::Camera(request) => serve_camera(request, state),
         Request::Estimates(request) => serve_estimates(request, state),
         Request::Inspect => state.inspect(),
         Request::Reconstruct => {
@@ -114,6 +117,17 @@ fn serve_study(request: StudyRequest, ctx: &egui::Context, state: &mut State) {
             Err(sentence) => state.messages.push(Severity::Failure, sentence),
         },
         StudyRequest::Refused(sentence) => state.messages.push(Severity::Failure, sentence),
+    }
+}
+
+fn serve_camera(request: CameraRequest, state: &mut State) {
+    let session = &state.session;
+    match request {
+        CameraRequest::Calibrate(order) => session.calibrate(order),
+        CameraRequest::StopCalibration => session.stop_calibration(),
+        CameraRequest::Preview(captures) => session.preview_captures(captures),
+        CameraRequest::Compare(order) => session.compare_systems(*order),
+        CameraRequest::StopComparison => session.stop_comparison(),
     }
 }
 

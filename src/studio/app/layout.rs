@@ -9,8 +9,8 @@ use egui_tiles::{
 use crate::studio::app::dispatch;
 use crate::studio::app::state::{Parts, State};
 use crate::studio::panels::{
-    compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, reconstruction, samples,
-    scene, studies,
+    camera, compare, estimates, history, information, information_map, lenslets, mask, mtf, optimize, reconstruction,
+    samples, scene, studies,
 };
 use crate::studio::state::pane::Pane;
 use crate::studio::state::request::Request;
@@ -19,7 +19,8 @@ use crate::studio::state::window_layout::VisiblePanel;
 /// The default layout: mask and lenslets above object, measurement and reconstruction; numbers on the right.
 pub fn default_layout() -> Tree<Pane> {
     let mut tiles = Tiles::default();
-    let (mask, beside) = (tab(&mut tiles, &[Pane::Mask]), tab(&mut tiles, &[Pane::Lenslets, Pane::Studies]));
+    let (mask, beside) =
+        (tab(&mut tiles, &[Pane::Mask]), tab(&mut tiles, &[Pane::Lenslets, Pane::Studies, Pane::Camera]));
     let above = shared(&mut tiles, LinearDir::Horizontal, &[(mask, 1.0), (beside, 1.07)]);
     let below = row(&mut tiles, &[(Pane::Object, 1.0), (Pane::Measurement, 1.0), (Pane::Reconstruction, 1.0)]);
     let left = shared(&mut tiles, LinearDir::Vertical, &[(above, 1.15), (below, 1.0)]);
@@ -139,6 +140,7 @@ fn show_panel(ui: &mut egui::Ui, pane: Pane, parts: Parts<'_>, requests: &mut Ve
         Pane::Optimize => optimize::show(ui, &mut panels.optimize, &view, requests),
         Pane::Compare => compare::show(ui, &mut panels.compare, view.palettes, requests),
         Pane::Studies => studies::show(ui, &mut panels.studies, &view, requests),
+        Pane::Camera => camera::show(ui, &mut panels.camera, &view, requests),
         Pane::Unknown => {}
     }
 }

@@ -7,9 +7,10 @@ use ndarray::{Array4, ArrayD, Axis};
 use crate::objects::ObjectSource;
 use crate::studies::plans::Plan;
 use crate::studio::app::state::State;
+use crate::studio::state::camera::CameraPath;
 use crate::studio::state::messages::Severity;
 use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
-use crate::workbench::{Job, MeasurementFormat};
+use crate::workbench::{CalibrationOrder, Job, MeasurementFormat};
 
 impl State {
     /// Acts on an answered question for a path.
@@ -22,6 +23,11 @@ impl State {
             PathPurpose::ChooseImages => {
                 let form = &mut self.panels.estimates.camera;
                 return form.choose(question.path.trim().to_owned(), question.preview);
+            }
+            PathPurpose::Camera(what) => return self.use_camera_path(what, path, question.path.trim().to_owned()),
+            PathPurpose::SaveCamera(camera) => {
+                self.panels.camera.saved = Some(path.clone());
+                Job::SaveCamera { camera, path }
             }
             PathPurpose::ChooseCapture(file) => {
                 return self.dialogs.capture.choose(file, question.path.trim().to_owned());
@@ -68,6 +74,22 @@ impl State {
             PathPurpose::ExportCurve { curve, .. } => Job::ExportCurve { curve, path },
         };
         self.session.submit(job);
+    }
+
+    /// Uses a path of the Camera panel; `text` is the path with its options.
+    fn use_camera_path(&mut self, what: CameraPath, path: PathBuf, text: String) {
+        let state = &mut self.panels.camera;
+        match what {
+            CameraPath::Frames | CameraPath::Descriptor => {
+                (state.frames, state.saved) = (Some(path.clone()), None);
+                self.session.calibrate(CalibrationOrder::Group { path, colour: state.colour });
+            }
+            CameraPath::CameraFile => {
+                (state.frames, state.saved) = (None, None);
+                self.session.calibrate(CalibrationOrder::Open(path));
+            }
+            _ => state.captures.choose(what, text),
+        }
     }
 
     fn export_measurements(&mut self, folder: PathBuf, format: MeasurementFormat) {

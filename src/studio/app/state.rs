@@ -18,8 +18,8 @@ use crate::studio::state::view::{MaskPreview, SharedByPanels, View};
 use crate::studio::state::window_layout::WindowLayout;
 use crate::studio::widgets::clipboard::Clipboard;
 use crate::workbench::{
-    CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live, LiveResults,
-    ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, StudyView, Trainings,
+    CameraResults, CaptureReconstruction, DesignRun, Estimates, InspectionKey, InspectionRequest, Job, Live,
+    LiveResults, ReconstructionKey, ReconstructionRequest, Reconstructions, Recovered, Session, StudyView, Trainings,
     bounds_command, reproduce_command,
 };
 
@@ -49,6 +49,8 @@ pub struct State {
     pub trainings: Trainings,
     /// The study as of this frame.
     pub study: StudyView,
+    /// Calibration, captures and comparison of cameras as of this frame.
+    pub cameras: CameraResults,
     /// The newest capture of a camera as of this frame.
     capture: Option<CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -118,6 +120,7 @@ impl State {
             reconstructions: Reconstructions::default(),
             trainings: Trainings::default(),
             study: StudyView::default(),
+            cameras: CameraResults::default(),
             capture: None,
             run: None,
             inspected: None,
@@ -160,6 +163,7 @@ impl State {
             reconstructions: &self.reconstructions,
             trainings: &self.trainings,
             study: &self.study,
+            cameras: &self.cameras,
             capture: self.capture.as_ref(),
             run: self.run.as_ref(),
             inspected: self.inspected,
@@ -189,6 +193,7 @@ impl State {
         {
             self.preferences.study = Some(open.folder.path().to_path_buf());
         }
+        self.cameras = self.session.cameras();
         self.capture = self.session.capture();
         // Masks of a run are no edits and would fill the history.
         let current = |revision| revision == self.session.revision() && !self.session.is_previewing();

@@ -1,5 +1,6 @@
 //! One file per panel of the window, and the parts shared by panels.
 
+pub mod camera;
 pub mod compare;
 pub mod estimates;
 pub mod history;

@@ -98,6 +98,7 @@ Drag a panel by its tab. A double click on a tab, or Ctrl+M, maximizes it. *View
             Pane::History => "bounds of past edits",
             Pane::Compare => "snapshots side by side",
             Pane::Studies => "plans of many estimates",
+            Pane::Camera => "calibration, captures and comparison of cameras",
             Pane::Unknown => "a panel of another version",
         }
     }

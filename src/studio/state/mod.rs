@@ -2,6 +2,7 @@
 
 pub mod action;
 pub mod bound_summary;
+pub mod camera;
 pub mod capture;
 pub mod compare;
 pub mod copied_numbers;

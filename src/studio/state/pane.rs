@@ -34,6 +34,8 @@ pub enum Pane {
     Compare,
     /// Plans of many estimates.
     Studies,
+    /// Calibration and captures of cameras.
+    Camera,
     /// A panel of another version, from its layout file.
     Unknown,
 }
@@ -52,7 +54,7 @@ impl From<Pane> for &'static str {
 
 impl Pane {
     /// All panels.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Mask,
         Self::Lenslets,
         Self::Object,
@@ -67,6 +69,7 @@ impl Pane {
         Self::History,
         Self::Compare,
         Self::Studies,
+        Self::Camera,
     ];
 
     /// Title of the tab.
@@ -86,6 +89,7 @@ impl Pane {
             Self::Optimize => "Optimize",
             Self::Compare => "Compare",
             Self::Studies => "Studies",
+            Self::Camera => "Camera",
             Self::Unknown => "Unknown",
         }
     }

@@ -1,5 +1,6 @@
 //! The state of each panel.
 
+use crate::studio::state::camera::CameraState;
 use crate::studio::state::compare::CompareState;
 use crate::studio::state::estimates::EstimatesState;
 use crate::studio::state::mask::MaskState;
@@ -30,4 +31,6 @@ pub struct Panels {
     pub compare: CompareState,
     /// Studies.
     pub studies: StudiesState,
+    /// Camera.
+    pub camera: CameraState,
 }

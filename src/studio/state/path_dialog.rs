@@ -6,9 +6,11 @@ use std::sync::mpsc::Receiver;
 
 use ndarray::{Array2, Array3};
 
+use crate::camera::CalibratedCamera;
 use crate::formats::path_text;
 use crate::reconstruction::TrainedNetwork;
 use crate::studies::plans::{Figure, Plan};
+use crate::studio::state::camera::CameraPath;
 use crate::studio::widgets::file_preview::Preview;
 use crate::workbench::{
     Colormap, Curve, DESIGN_FILES, FileUse, IdealRecord, LiveRecord, MEASUREMENT_STACKS, MeasurementFormat, OpenStudy,
@@ -88,6 +90,10 @@ pub enum PathPurpose {
     ExportStudyPlot(Arc<Figure>),
     /// Writes the table of a study.
     ExportStudyTable(OpenStudy),
+    /// Chooses a path of the Camera panel.
+    Camera(CameraPath),
+    /// Writes a camera file, with maps and drawing beside it.
+    SaveCamera(Arc<CalibratedCamera>),
     /// Writes a curve as CSV.
     ExportCurve {
         /// The curve.
@@ -123,6 +129,8 @@ impl PathPurpose {
             Self::OpenStudy => "Open study".into(),
             Self::ExportStudyPlot(_) => "Export plot".into(),
             Self::ExportStudyTable(_) => "Export table".into(),
+            Self::Camera(path) => path.title().into(),
+            Self::SaveCamera(_) => "Save camera".into(),
             Self::ExportCurve { .. } => "Export curve".into(),
         }
     }
@@ -158,6 +166,8 @@ impl PathPurpose {
             Self::NewStudy(_) => "A folder for plan and cells; it is created if missing",
             Self::OpenStudy => "The folder of a study: --out of `lenslet-studio study run`",
             Self::ExportStudyPlot(_) => "An SVG or PNG file, by its ending",
+            Self::Camera(path) => path.hint(),
+            Self::SaveCamera(_) => "A camera file (.json); maps and drawing are written beside it",
             Self::ExportCurve { .. } | Self::ExportStudyTable(_) => "A CSV file",
         }
     }
@@ -168,6 +178,7 @@ impl PathPurpose {
             Self::OpenObjects => Some(FileUse::Objects),
             Self::ImportPsf => Some(FileUse::Psf),
             Self::ChooseImages => Some(FileUse::Measurements),
+            Self::Camera(path) if path.is_of_captures() => Some(FileUse::Measurements),
             _ => None,
         }
     }
@@ -175,10 +186,15 @@ impl PathPurpose {
     /// Label of the button that confirms.
     pub fn action(&self) -> &'static str {
         match self {
-            Self::OpenDesign | Self::OpenObjects | Self::OpenWeights | Self::OpenPlan | Self::OpenStudy => "Open",
-            Self::ChooseImages | Self::ChooseCapture(_) => "Choose",
+            Self::OpenDesign
+            | Self::OpenObjects
+            | Self::OpenWeights
+            | Self::OpenPlan
+            | Self::OpenStudy
+            | Self::Camera(CameraPath::CameraFile) => "Open",
+            Self::ChooseImages | Self::ChooseCapture(_) | Self::Camera(_) => "Choose",
             Self::ImportPsf => "Import",
-            Self::SaveAs => "Save",
+            Self::SaveAs | Self::SaveCamera(_) => "Save",
             Self::KeepUnsaved | Self::NewStudy(_) => "Use",
             _ => "Export",
         }
@@ -187,6 +203,7 @@ impl PathPurpose {
     /// Dialog of the system for such paths.
     pub fn picker(&self) -> Picker {
         match self {
+            Self::Camera(path) => path.picker(),
             Self::OpenDesign
             | Self::OpenObjects
             | Self::OpenWeights
@@ -195,6 +212,7 @@ impl PathPurpose {
             | Self::ChooseCapture(_)
             | Self::ImportPsf => Picker::Open,
             Self::SaveAs
+            | Self::SaveCamera(_)
             | Self::ExportWeights(_)
             | Self::ExportView { .. }
             | Self::ExportPanel { .. }
@@ -215,7 +233,7 @@ impl PathPurpose {
     /// Default extension of a written file.
     pub fn extension(&self) -> Option<&'static str> {
         match self {
-            Self::SaveAs | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
+            Self::SaveAs | Self::SaveCamera(_) | Self::ExportRecord(_) | Self::ExportLive(_) => Some("json"),
             Self::ExportView { .. } | Self::ExportPanel { .. } => Some("png"),
             Self::ExportCurve { .. } | Self::ExportStudyTable(_) => Some("csv"),
             Self::ExportStudyPlot(_) => Some("svg"),
@@ -230,6 +248,7 @@ impl PathPurpose {
             | Self::ChooseCapture(_)
             | Self::ImportPsf
             | Self::KeepUnsaved
+            | Self::Camera(_)
             | Self::ExportDesign
             | Self::ExportCapture { .. }
             | Self::ExportMeasurements => None,
@@ -248,6 +267,7 @@ impl PathPurpose {
             | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
+            | Self::Camera(_)
             | Self::KeepUnsaved => return String::new(),
             Self::NewStudy(plan) => folder.join(&plan.name),
             Self::ExportStudyPlot(_) => folder.join("plot.svg"),
@@ -259,6 +279,7 @@ impl PathPurpose {
             Self::ExportView { name, .. } | Self::ExportPanel { name, .. } => {
                 folder.join(format!("{}.png", name.to_lowercase().replace(' ', "-")))
             }
+            Self::SaveCamera(_) => folder.join("camera.json"),
             Self::ExportRecord(_) => folder.join("run.json"),
             Self::ExportLive(_) => folder.join("live.json"),
             Self::ExportWeights(_) => folder.join("network.safetensors"),

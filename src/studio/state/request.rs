@@ -17,7 +17,10 @@ use crate::studio::state::path_dialog::{PathPurpose, PathQuestion};
 use crate::studio::state::preferences::RendererChoice;
 use crate::studio::state::transition::Transition;
 use crate::studio::widgets::number_field::Edit;
-use crate::workbench::{Activity, CaptureOrder, Command, FinishedEstimate, Job, Recovered, TrainingScope};
+use crate::workbench::{
+    Activity, CalibrationOrder, CaptureOrder, Command, ComparisonOrder, FinishedEstimate, Job, Recovered,
+    SystemCaptures, TrainingScope,
+};
 
 /// A request of a panel or a dialog. It is served when that is drawn, in the same frame.
 pub enum Request {
@@ -49,6 +52,8 @@ pub enum Request {
     Training(TrainingRequest),
     /// Acts on the study.
     Study(StudyRequest),
+    /// Acts on cameras.
+    Camera(CameraRequest),
     /// Acts on estimates.
     Estimates(EstimatesRequest),
     /// Inspects the shown measurement: spectrum, information map.
@@ -135,6 +140,20 @@ pub enum StudyRequest {
     OpenCell(usize),
     /// Says why the plan of the form cannot be computed.
     Refused(String),
+}
+
+/// A request about cameras.
+pub enum CameraRequest {
+    /// Groups frames, calibrates a camera or opens its file.
+    Calibrate(CalibrationOrder),
+    /// Stops the calibration.
+    StopCalibration,
+    /// Reads captures for their previews.
+    Preview(Arc<SystemCaptures>),
+    /// Compares systems.
+    Compare(Box<ComparisonOrder>),
+    /// Stops the comparison.
+    StopComparison,
 }
 
 /// A request about estimates.

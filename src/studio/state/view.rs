@@ -13,8 +13,8 @@ use crate::studio::state::panel_states::Panels;
 use crate::studio::state::preferences::Preferences;
 use crate::studio::state::samples::ShownSample;
 use crate::workbench::{
-    CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate, LiveRecord,
-    Reconstructions, Revisioned, RunStatus, StudyView, Trainings,
+    CameraResults, CaptureReconstruction, Colormap, DesignRun, Estimates, InspectionKey, Live, LiveEstimate,
+    LiveRecord, Reconstructions, Revisioned, RunStatus, StudyView, Trainings,
 };
 
 /// What panels and dialogs read of the window, beside their own state. They change it by requests alone.
@@ -47,6 +47,8 @@ pub struct View<'a> {
     pub trainings: &'a Trainings,
     /// The study as of this frame.
     pub study: &'a StudyView,
+    /// Calibration, captures and comparison of cameras as of this frame.
+    pub cameras: &'a CameraResults,
     /// The newest capture of a camera as of this frame.
     pub capture: Option<&'a CaptureReconstruction>,
     /// The run that optimizes the mask, as of this frame.
@@ -191,6 +193,7 @@ mod tests {
         reconstructions: Reconstructions,
         trainings: Trainings,
         study: StudyView,
+        cameras: CameraResults,
         locks: Locks,
         preferences: Preferences,
         palettes: ColourPalettes,
@@ -214,6 +217,7 @@ mod tests {
                 reconstructions: &self.reconstructions,
                 trainings: &self.trainings,
                 study: &self.study,
+                cameras: &self.cameras,
                 capture: None,
                 run: None,
                 inspected: None,

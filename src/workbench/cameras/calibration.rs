@@ -1,6 +1,6 @@
 //! Calibration of a camera: its frames in groups, its quantities, and camera files.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::camera::{
@@ -37,6 +37,8 @@ pub struct CalibrationResults {
     pub series: Option<Arc<FrameSeries>>,
     /// Content of the groups that were read, in the order of the series.
     pub groups: Arc<Vec<GroupSummary>>,
+    /// The colour that was taken from the frames, once the groups are read.
+    pub colour: Option<ColourChoice>,
     /// The camera.
     pub camera: Option<Arc<CalibratedCamera>>,
     /// The file that the camera was read from.
@@ -59,7 +61,7 @@ impl Order for CalibrationOrder {
         match self {
             Self::Group { path, colour } => {
                 work.publish(|results| *results = CalibrationResults::default());
-                group(path.clone(), *colour, work)
+                group(path, *colour, work)
             }
             Self::Calibrate { series, colour } => {
                 let mut on_progress = |progress: &CalibrationProgress| {
@@ -80,10 +82,10 @@ impl Order for CalibrationOrder {
 }
 
 /// Groups frames, and publishes the groups before their files are read.
-fn group(path: PathBuf, colour: ColourChoice, work: &Work<'_, CalibrationOrder>) -> Result<(), CameraError> {
-    let series = Arc::new(FrameSeries::open(&path)?);
+fn group(path: &Path, colour: ColourChoice, work: &Work<'_, CalibrationOrder>) -> Result<(), CameraError> {
+    let series = Arc::new(FrameSeries::open(path)?);
     let shown = Arc::clone(&series);
-    work.publish(|results| results.series = Some(shown));
+    work.publish(|results| (results.series, results.colour) = (Some(shown), Some(colour)));
     let count = series.groups.len();
     for (index, group) in series.groups.iter().enumerate() {
         if work.report(&format!("Reading {}", group.label), Some(index as f64 / count as f64)).is_break() {

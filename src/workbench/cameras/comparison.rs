@@ -42,7 +42,9 @@ pub struct ComparisonResults {
 impl ComparisonOrder {
     fn compare(&self, light: Option<EqualLight>, work: &Work<'_, Self>) -> Result<Compared, String> {
         let SystemCaptures { sources, options } = &*self.captures;
-        let noise = options.camera_noise().map_err(|error| error.to_string())?.unwrap_or(self.noise);
+        let noise = options.camera_noise().map_err(|error| error.to_string())?;
+        // A camera without dark noise has shot noise.
+        let noise = noise.unwrap_or(if options.camera.is_some() { Noise::Shot } else { self.noise });
         let comparison = SystemComparison {
             sources: sources.clone(),
             options: options.clone(),

@@ -1,7 +1,11 @@
 //! Parts shared by several panels.
 
 pub mod action_entry;
+pub mod camera_calibration;
+pub mod camera_captures;
+pub mod camera_comparison;
 pub mod camera_form;
+pub mod camera_plots;
 pub mod fit_length;
 pub mod hints;
 pub mod image_menu;
