@@ -6,7 +6,7 @@ use super::home::at_home;
 use super::waiting::wait_for;
 use super::*;
 use egui_kittest::kittest::NodeT;
-use lenslet_studio::evaluation::{DensityModel, EstimateRequest};
+use lenslet_studio::evaluation::{Calibration, DensityModel, EstimateRequest, MeasuredOrder};
 use lenslet_studio::information::{BoundMethod, EngineChoice, Estimator};
 
 /// A design for few small objects of no known prior, whose measurements have 9 x 9 px. Estimates of them take a moment.
@@ -258,7 +258,7 @@ fn upper_bound_of_whole_sensor_is_listed() {
 }
 
 #[test]
-fn camera_images_are_estimated() {
+fn estimate_of_camera_images_shows_its_settings_and_notes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("seen.npy");
     // Stripes that move from image to image, in grey levels of half a photon.
@@ -268,29 +268,11 @@ fn camera_images_are_estimated() {
     });
     lenslet_studio::formats::write_array(&path, grey.view()).unwrap();
     let mut window = open(Design::default());
+    let calibration = Calibration { gain: 2.0, ..Calibration::default() };
+    let order = MeasuredOrder { source: path.into(), calibration };
+    let request = EstimateRequest::new(Estimator::GaussianStationary);
+    studio(&window).session().order_estimate_of_images(order, request).unwrap();
     click(&mut window, "Estimates");
-    click(&mut window, "Camera images");
-    assert!(window.get_by_label("Estimate images").accesskit_node().is_disabled());
-    click(&mut window, "Choose images...");
-    answer(&mut window, &path, "Choose");
-    window.get_by_label("Images: gain").click();
-    window.run_steps(2);
-    window.key_press_modifiers(Modifiers::COMMAND, Key::A);
-    window.get_by_label("Images: gain").type_text("2");
-    window.key_press(Key::Enter);
-    window.run_steps(2);
-    // The fit has its own length.
-    let steps = |window: &Window, name: &str| window.get_by_label(name).accesskit_node().numeric_value().unwrap();
-    type_number(&mut window, "Steps of the fit to images", "500");
-    assert_eq!(steps(&window, "Steps of the fit to images"), 500.0);
-    assert_eq!(steps(&window, "Steps of the fit"), 2_000.0);
-    click(&mut window, "Estimator of images");
-    click(&mut window, "PixelCNN");
-    window.get_by_label("Minutes of the fit to images");
-    click(&mut window, "Estimator of images");
-    click(&mut window, "Gaussian");
-    assert!(window.query_by_label("Length of the fit to images").is_none(), "it is not fitted");
-    click(&mut window, "Estimate images");
     wait_for(&mut window, "the estimate", |window| !studio(window).session().estimates().finished.is_empty());
     let finished = &studio(&window).session().estimates().finished[0].value;
     let notes = finished.estimate.notes.join("; ");
@@ -310,10 +292,4 @@ fn camera_images_are_estimated() {
         window.get_by_label(&format!("note: {note}"));
     }
     click(&mut window, "Copy command of estimate 1");
-
-    // Unreadable files are reported.
-    std::fs::write(&path, b"no images").unwrap();
-    click(&mut window, "Estimate images");
-    let is_refused = |window: &Window| window.query_all_by_label_contains("seen.npy: expected an").next().is_some();
-    wait_for(&mut window, "the refusal", is_refused);
 }

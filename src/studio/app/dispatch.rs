@@ -135,7 +135,6 @@ fn serve_estimates(request: EstimatesRequest, state: &mut State) {
     let session = &state.session;
     let started = match request {
         EstimatesRequest::Start(request) => session.order_estimate(request),
-        EstimatesRequest::StartOfImages(images, request) => session.order_estimate_of_images(images, request),
         EstimatesRequest::Cancel => return session.cancel_estimate(),
         EstimatesRequest::Delete(finished) => return session.delete_estimate(&finished),
         EstimatesRequest::Restore => return session.bring_back_estimate(),

@@ -20,10 +20,6 @@ impl State {
             PathPurpose::OpenDesign => return self.session.open_file(path),
             PathPurpose::SaveAs => return self.session.save_to(path),
             PathPurpose::OpenObjects => return self.session.open_objects(ObjectSource::guess(&path)),
-            PathPurpose::ChooseImages => {
-                let form = &mut self.panels.estimates.camera;
-                return form.choose(question.path.trim().to_owned(), question.preview);
-            }
             PathPurpose::Camera(what) => return self.use_camera_path(what, path, question.path.trim().to_owned()),
             PathPurpose::SaveCamera(camera) => {
                 self.panels.camera.saved = Some(path.clone());

@@ -91,7 +91,10 @@ impl State {
         let training = is_open(ActivityKind::Training).then_some("A network is training. Stop it to keep its weights.");
         let network = self.session.has_unsaved_network();
         let network = network.then_some("A trained network is in no file. Save the design or export the weights.");
+        let comparison = is_open(ActivityKind::Comparison);
+        let comparison = comparison.then_some("A comparison of systems is running. Its progress would be lost.");
         let sentences = run.into_iter().chain(why.as_deref()).chain(estimate).chain(training).chain(network);
+        let sentences = sentences.chain(comparison);
         let sentences: Vec<&str> = sentences.collect();
         (!sentences.is_empty()).then(|| sentences.join(" "))
     }

@@ -8,7 +8,7 @@ use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
 use crate::evaluation::{Calibration, FitPoint, FittedModel};
 use crate::information::{Estimate, Estimator, Protocol, between, rounded, with_interval};
 use crate::plural::counted;
-use crate::studio::panels::parts::{camera_form, fit_length};
+use crate::studio::panels::parts::fit_length;
 use crate::studio::state::estimates::EstimatesState;
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::{EstimatesRequest, Request};
@@ -35,8 +35,6 @@ pub fn show(ui: &mut Ui, state: &mut EstimatesState, view: &View<'_>, requests: 
     form(ui, state, view, requests);
     // Scrolls: a low window has little space during a fit.
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-        camera_form::show(ui, state, view.preferences.engine, requests);
-        ui.separator();
         results(ui, state, view, requests);
     });
 }

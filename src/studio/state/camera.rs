@@ -258,6 +258,13 @@ pub fn name_of(path: &str) -> String {
     name.map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
+/// Estimators that need no objects, with their labels.
+pub const OF_IMAGES: [(Estimator, &str); 3] = [
+    (Estimator::GaussianStationary, "Gaussian"),
+    (Estimator::Causal, "Causal model"),
+    (Estimator::PixelCnn, "PixelCNN"),
+];
+
 /// The form of a comparison.
 pub struct ComparisonForm {
     /// The estimator.

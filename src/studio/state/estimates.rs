@@ -2,9 +2,8 @@
 
 use std::time::Duration;
 
-use crate::evaluation::{Calibration, DensityModel, EstimateRequest};
+use crate::evaluation::{DensityModel, EstimateRequest};
 use crate::information::{EngineChoice, Estimator, Protocol};
-use crate::studio::widgets::file_preview::Preview;
 
 /// State of the Estimates panel.
 pub struct EstimatesState {
@@ -18,8 +17,6 @@ pub struct EstimatesState {
     pub trials: usize,
     /// Protocol of a PixelCNN; other estimators have one.
     pub protocol: Protocol,
-    /// Camera images to estimate in place of the design.
-    pub camera: CameraForm,
     /// Index of the finished estimate whose curve is drawn; the newest if none was chosen.
     pub chosen: Option<usize>,
 }
@@ -27,8 +24,8 @@ pub struct EstimatesState {
 impl Default for EstimatesState {
     fn default() -> Self {
         let kind = Estimator::Bracket;
-        let (length, camera) = (FitLengthForm::usual(kind), CameraForm::default());
-        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, camera, chosen: None }
+        let length = FitLengthForm::usual(kind);
+        Self { kind, length, whole_sensor: false, trials: 1, protocol: Protocol::Default, chosen: None }
     }
 }
 
@@ -46,65 +43,18 @@ impl EstimatesState {
 
     /// Request of the form.
     pub fn request(&self, engine: EngineChoice) -> EstimateRequest {
-        let request = self.request_of(self.length.model(self.kind, engine));
+        let request = EstimateRequest {
+            model: self.length.model(self.kind, engine),
+            patch: if self.whole_sensor { None } else { Some((32, 32)) },
+            ..EstimateRequest::default()
+        };
         match self.kind {
             Estimator::PixelCnn => EstimateRequest { trials: self.trials, protocol: self.protocol, ..request },
             Estimator::Causal => EstimateRequest { trials: self.trials, ..request },
             _ => request,
         }
     }
-
-    /// Request for a fit of this model with the chosen patch.
-    pub fn request_of(&self, model: DensityModel) -> EstimateRequest {
-        EstimateRequest {
-            model,
-            patch: if self.whole_sensor { None } else { Some((32, 32)) },
-            ..EstimateRequest::default()
-        }
-    }
 }
-
-/// The form of an estimate from camera images.
-pub struct CameraForm {
-    /// Path of the chosen images.
-    pub path: Option<String>,
-    /// Preview of the chosen images.
-    pub preview: Preview,
-    /// The estimator.
-    pub kind: Estimator,
-    /// Length of the fit.
-    pub length: FitLengthForm,
-    /// Calibration of the images.
-    pub calibration: Calibration,
-}
-
-impl Default for CameraForm {
-    fn default() -> Self {
-        let kind = Estimator::Causal;
-        Self {
-            path: None,
-            preview: Preview::default(),
-            kind,
-            length: FitLengthForm::usual(kind),
-            calibration: Calibration::default(),
-        }
-    }
-}
-
-impl CameraForm {
-    /// Sets the chosen images and their preview.
-    pub fn choose(&mut self, path: String, preview: Preview) {
-        self.path = Some(path);
-        self.preview = preview;
-    }
-}
-
-/// Estimators that need no objects, with their labels.
-pub const OF_IMAGES: [(Estimator, &str); 3] = [
-    (Estimator::Causal, "Causal model"),
-    (Estimator::PixelCnn, "PixelCNN"),
-    (Estimator::GaussianStationary, "Gaussian"),
-];
 
 /// Length of a fit, as a number of steps or a time.
 pub struct FitLengthForm {

@@ -35,8 +35,6 @@ pub enum PathPurpose {
     SaveAs,
     /// Opens the objects of a file or folder.
     OpenObjects,
-    /// Chooses images of a camera to estimate from.
-    ChooseImages,
     /// Chooses a file of a capture to reconstruct.
     ChooseCapture(CaptureFile),
     /// Uses an image as the PSF.
@@ -110,7 +108,6 @@ impl PathPurpose {
             Self::OpenDesign => "Open design".into(),
             Self::SaveAs => "Save design as".into(),
             Self::OpenObjects => "Open objects".into(),
-            Self::ChooseImages => "Camera images".into(),
             Self::ChooseCapture(CaptureFile::Measurement) => "Capture".into(),
             Self::ChooseCapture(CaptureFile::Psf) => "PSF of the capture".into(),
             Self::ExportCapture { .. } => "Export reconstruction".into(),
@@ -142,7 +139,6 @@ impl PathPurpose {
             Self::OpenObjects => {
                 "IDX (also .gz), CIFAR-10 .bin, NPY, NPZ or TIFF stack, an image, or a folder of images"
             }
-            Self::ChooseImages => "Two or more grey images: an NPY, NPZ or TIFF stack, or a folder of images",
             Self::ChooseCapture(CaptureFile::Measurement) => {
                 "An image of the camera (TIFF, PNG, JPEG, NPY), grey or colour"
             }
@@ -177,7 +173,6 @@ impl PathPurpose {
         match self {
             Self::OpenObjects => Some(FileUse::Objects),
             Self::ImportPsf => Some(FileUse::Psf),
-            Self::ChooseImages => Some(FileUse::Measurements),
             Self::Camera(path) if path.is_of_captures() => Some(FileUse::Measurements),
             _ => None,
         }
@@ -192,7 +187,7 @@ impl PathPurpose {
             | Self::OpenPlan
             | Self::OpenStudy
             | Self::Camera(CameraPath::CameraFile) => "Open",
-            Self::ChooseImages | Self::ChooseCapture(_) | Self::Camera(_) => "Choose",
+            Self::ChooseCapture(_) | Self::Camera(_) => "Choose",
             Self::ImportPsf => "Import",
             Self::SaveAs | Self::SaveCamera(_) => "Save",
             Self::KeepUnsaved | Self::NewStudy(_) => "Use",
@@ -208,7 +203,6 @@ impl PathPurpose {
             | Self::OpenObjects
             | Self::OpenWeights
             | Self::OpenPlan
-            | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf => Picker::Open,
             Self::SaveAs
@@ -244,7 +238,6 @@ impl PathPurpose {
             | Self::OpenPlan
             | Self::NewStudy(_)
             | Self::OpenStudy
-            | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
             | Self::KeepUnsaved
@@ -264,7 +257,6 @@ impl PathPurpose {
             | Self::OpenWeights
             | Self::OpenPlan
             | Self::OpenStudy
-            | Self::ChooseImages
             | Self::ChooseCapture(_)
             | Self::ImportPsf
             | Self::Camera(_)

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::evaluation::{EstimateRequest, MeasuredOrder};
+use crate::evaluation::EstimateRequest;
 use crate::forward::Design;
 use crate::information::EngineChoice;
 use crate::objects::ObjectSource;
@@ -160,8 +160,6 @@ pub enum CameraRequest {
 pub enum EstimatesRequest {
     /// Estimates the design.
     Start(EstimateRequest),
-    /// Estimates images of a camera.
-    StartOfImages(MeasuredOrder, EstimateRequest),
     /// Cancels the running estimate.
     Cancel,
     /// Deletes a finished estimate.
