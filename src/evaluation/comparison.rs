@@ -89,7 +89,10 @@ impl SystemComparison {
     /// # Errors
     /// As [`MeasuredImages::open_with`] and [`MeasuredImages::estimate_patches`].
     pub fn run(&self, progress: &mut (dyn Progress<EstimateProgress> + Send)) -> Result<Compared, MeasuredError> {
-        let systems = self.sources.iter().map(|source| self.system(source, progress));
+        let count = self.sources.len();
+        let systems = self.sources.iter().enumerate().map(|(index, source)| {
+            self.system(source, &mut |step: &EstimateProgress| progress.report(&step.of_system(index, count)))
+        });
         let systems = systems.collect::<Result<Vec<System>, _>>()?;
         let mut differences = Vec::new();
         if let Some((first, others)) = systems.split_first() {

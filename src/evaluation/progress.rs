@@ -29,6 +29,15 @@ impl EstimateProgress {
         Self { step: step.to_owned(), done, total, fit: None, understood: None }
     }
 
+    /// The same progress in system `index`, counted from 0, of `count`.
+    pub(crate) fn of_system(&self, index: usize, count: usize) -> Self {
+        if count < 2 {
+            return self.clone();
+        }
+        let step = format!("System {} of {count}: {}", index + 1, self.step);
+        Self { step, done: index * self.total + self.done, total: count * self.total, ..self.clone() }
+    }
+
     /// The same progress in trial `index`, counted from 0, of `count`. The trial began after `began` seconds of the earlier fits.
     fn of_trial(&self, index: usize, count: usize, began: f64) -> Self {
         let Self { step, done, total, fit, understood } = self.clone();

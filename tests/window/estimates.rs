@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::home::at_home;
 use super::waiting::wait_for;
 use super::*;
-use egui_kittest::kittest::NodeT;
 use lenslet_studio::evaluation::{Calibration, DensityModel, EstimateRequest, MeasuredOrder};
 use lenslet_studio::information::{BoundMethod, EngineChoice, Estimator};
 

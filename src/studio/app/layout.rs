@@ -105,21 +105,25 @@ fn is_sound(tree: &Tree<Pane>) -> bool {
 
 /// Shows one maximized panel, and a button that restores all.
 pub fn show_maximised(ui: &mut egui::Ui, state: &mut State, mut pane: Pane) {
-    ui.horizontal(|ui| {
-        ui.add_space(8.0);
-        ui.strong(pane.title());
-        let back = ui.small_button("Show all panels").on_hover_text("Or press Escape");
-        // Escape closes an open dialog or menu first.
-        let is_in_front = ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
-        let escape = is_in_front
-            && !egui::Popup::is_any_open(ui.ctx())
-            && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
-        if back.clicked() || escape {
-            state.layout.maximised = None;
-        }
+    // The window has no colour of its own behind the panels.
+    egui::Frame::new().fill(ui.visuals().panel_fill).show(ui, |ui| {
+        ui.horizontal(|ui| {
+            ui.add_space(8.0);
+            ui.strong(pane.title());
+            let back = ui.small_button("Show all panels").on_hover_text("Or press Escape");
+            // Escape closes an open dialog or menu first.
+            let is_in_front =
+                ui.memory(|memory| memory.focused().is_none() && memory.allows_interaction(ui.layer_id()));
+            let escape = is_in_front
+                && !egui::Popup::is_any_open(ui.ctx())
+                && ui.input_mut(|input| input.consume_key(egui::Modifiers::NONE, egui::Key::Escape));
+            if back.clicked() || escape {
+                state.layout.maximised = None;
+            }
+        });
+        // A maximized panel is not dragged.
+        let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
     });
-    // A maximized panel is not dragged.
-    let _ = PanelBehavior(state).pane_ui(ui, TileId::from_u64(0), &mut pane);
 }
 
 /// Shows a panel with its part of the state.

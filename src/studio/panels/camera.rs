@@ -25,7 +25,6 @@ pub fn show(ui: &mut Ui, state: &mut CameraState, view: &View<'_>, requests: &mu
             CameraTab::Captures => &mut state.captures.colour,
             CameraTab::Comparison => return,
         };
-        ui.separator();
         colour(ui, choice);
     });
     let tab = state.tab;
@@ -48,17 +47,23 @@ fn text_of(tab: CameraTab) -> &'static str {
 fn colour(ui: &mut Ui, choice: &mut ColourChoice) {
     let named = ColourChannel::NAMES.iter().map(|(channel, name)| (Some(*channel), *name));
     let channels: Vec<_> = std::iter::once((None, "any channel")).chain(named).collect();
-    choose(ui, ("Camera channel", 84.0), &mut choice.channel, &channels);
+    choose(ui, ["Channel", "Camera channel"], &mut choice.channel, &channels);
     let named = BayerPattern::NAMES.iter().map(|(pattern, name)| (Some(*pattern), *name));
     let patterns: Vec<_> = std::iter::once((None, "no mosaic")).chain(named).collect();
-    choose(ui, ("Camera Bayer pattern", 76.0), &mut choice.bayer, &patterns);
+    choose(ui, ["Mosaic", "Camera Bayer pattern"], &mut choice.bayer, &patterns);
 }
 
-fn choose<T: Copy + PartialEq>(ui: &mut Ui, (name, width): (&str, f32), value: &mut T, choices: &[(T, &'static str)]) {
-    let known = choices.iter().find(|(choice, _)| choice == value);
+/// A choice with a short text while nothing is chosen.
+fn choose<T: Copy + PartialEq>(
+    ui: &mut Ui,
+    [short, name]: [&str; 2],
+    value: &mut Option<T>,
+    choices: &[(Option<T>, &'static str)],
+) {
+    let known = choices.iter().find(|(choice, _)| choice.is_some() && choice == value);
     let response = ComboBox::from_id_salt(name)
-        .selected_text(known.map_or("", |(_, text)| text))
-        .width(width)
+        .selected_text(known.map_or(short, |(_, text)| text))
+        .width(40.0)
         .show_ui(ui, |ui| {
             for (choice, text) in choices {
                 ui.selectable_value(value, *choice, *text);

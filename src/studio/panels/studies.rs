@@ -1,6 +1,6 @@
 //! Studies: a plan is chosen or a folder opened, its cells fill, and its plot grows.
 
-use egui::{ComboBox, ProgressBar, RichText, TextEdit, Ui};
+use egui::{ComboBox, ProgressBar, RichText, ScrollArea, TextEdit, Ui};
 
 use crate::evaluation::format_duration;
 use crate::plural::counted;
@@ -17,6 +17,10 @@ const TEXT: f32 = 12.5;
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut StudiesState, view: &View<'_>, requests: &mut Vec<Request>) {
+    ScrollArea::vertical().id_salt("studies").auto_shrink(false).show(ui, |ui| parts(ui, state, view, requests));
+}
+
+fn parts(ui: &mut Ui, state: &mut StudiesState, view: &View<'_>, requests: &mut Vec<Request>) {
     let study = view.study;
     if !study.is_active() {
         ui.horizontal_wrapped(|ui| form(ui, state, requests));

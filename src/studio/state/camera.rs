@@ -86,7 +86,9 @@ impl CameraPath {
             Self::Descriptor => "A descriptor file of EMVA 1288 (lines n, b, d and i)",
             Self::CameraFile | Self::CameraOfCaptures => "A camera file (.json), as calibrate --out writes it",
             Self::CaptureFolder => "A folder of two or more images of one system",
-            Self::CaptureFile => "Two or more images of one system: an NPY, NPZ or TIFF stack",
+            Self::CaptureFile => {
+                "Two or more images of one system: an NPY, NPZ or TIFF stack. FILE?axis=last names the axis that counts images"
+            }
             Self::Dark => "A folder, or a stack, of images without light",
             Self::Flat => "A folder, or a stack, of images of even light",
         }
@@ -98,11 +100,6 @@ impl CameraPath {
             Self::Descriptor | Self::CameraFile | Self::CaptureFile | Self::CameraOfCaptures => Picker::Open,
             Self::Frames | Self::CaptureFolder | Self::Dark | Self::Flat => Picker::Folder,
         }
-    }
-
-    /// Whether the path names images of a system.
-    pub fn is_of_captures(self) -> bool {
-        matches!(self, Self::CaptureFolder | Self::CaptureFile)
     }
 }
 

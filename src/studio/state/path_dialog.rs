@@ -173,7 +173,6 @@ impl PathPurpose {
         match self {
             Self::OpenObjects => Some(FileUse::Objects),
             Self::ImportPsf => Some(FileUse::Psf),
-            Self::Camera(path) if path.is_of_captures() => Some(FileUse::Measurements),
             _ => None,
         }
     }

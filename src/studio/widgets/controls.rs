@@ -30,3 +30,8 @@ pub fn placeholder(ui: &mut Ui, text: &str) {
         ui.weak(text);
     });
 }
+
+/// Height from here to the lower end of the panel, at least `least` points. Lower panels are scrolled.
+pub fn rest_of_panel(ui: &Ui, least: f32) -> f32 {
+    (ui.clip_rect().bottom() - ui.cursor().top() - 4.0).max(least)
+}

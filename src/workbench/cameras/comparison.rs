@@ -52,9 +52,13 @@ impl ComparisonOrder {
             conditions: MeasuredConditions { noise, light, seed: self.seed },
             is_simultaneous: self.is_simultaneous,
         };
-        let place = if light.is_some() { "equal light" } else { "own light" };
+        let (place, lights) = match (light, self.equal_light) {
+            (Some(_), _) => ("equal light", (1.0, 2.0)),
+            (None, Some(_)) => ("own light", (0.0, 2.0)),
+            (None, None) => ("own light", (0.0, 1.0)),
+        };
         let mut on_progress = |progress: &EstimateProgress| {
-            let share = progress.done as f64 / progress.total.max(1) as f64;
+            let share = (lights.0 + progress.done as f64 / progress.total.max(1) as f64) / lights.1;
             work.report(&format!("{} ({place})", progress.step), Some(share))
         };
         comparison.run(&mut on_progress).map_err(|error| error.to_string())

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use egui::{Button, Grid, Label, ProgressBar, RichText, Ui};
+use egui::{Align, Button, Grid, Label, Layout, ProgressBar, RichText, Ui};
 
 use crate::camera::{CameraCalibration, FrameSeries, GroupSummary};
 use crate::studio::panels::parts::camera_plots;
@@ -15,6 +15,8 @@ use crate::workbench::{CalibrationOrder, CalibrationResults, WorkState};
 
 /// Size of the texts, points.
 const TEXT: f32 = 12.5;
+/// Height of the rows of a table, points.
+const ROW: f32 = 16.0;
 
 /// Shows the calibration.
 pub fn show(ui: &mut Ui, state: &mut CameraState, view: &View<'_>, requests: &mut Vec<Request>) {
@@ -158,10 +160,16 @@ fn buttons(
     });
 }
 
+/// A number at the right of its column.
+fn number(ui: &mut Ui, text: String) {
+    ui.with_layout(Layout::right_to_left(Align::Center), |ui| ui.label(RichText::new(text).size(TEXT)));
+}
+
 /// The groups of frames, before they are used.
 fn groups(ui: &mut Ui, series: &FrameSeries, known: &[GroupSummary]) {
     ui.label(RichText::new(format!("Groups by {}", series.grouping)).size(TEXT));
-    Grid::new("groups of frames").num_columns(6).striped(true).spacing([12.0, 2.0]).show(ui, |ui| {
+    let grid = Grid::new("groups of frames").num_columns(6).striped(true).spacing([12.0, 2.0]);
+    grid.min_row_height(ROW).show(ui, |ui| {
         for heading in ["Role", "Group", "Exposure", "Frames", "Size", "Mean (DN)"] {
             ui.label(RichText::new(heading).size(TEXT).strong());
         }
@@ -177,12 +185,12 @@ fn groups(ui: &mut Ui, series: &FrameSeries, known: &[GroupSummary]) {
                 if group.is_dark { "dark" } else { "light" }.to_owned(),
                 group.label.clone(),
                 group.exposure_text().unwrap_or_default(),
-                summary.map_or(String::new(), |summary| summary.frames.to_string()),
-                size,
-                summary.map_or(String::new(), |summary| format!("{:.1}", summary.mean_dn)),
             ] {
                 ui.label(RichText::new(text).size(TEXT));
             }
+            number(ui, summary.map_or(String::new(), |summary| summary.frames.to_string()));
+            ui.label(RichText::new(size).size(TEXT));
+            number(ui, summary.map_or(String::new(), |summary| format!("{:.1}", summary.mean_dn)));
             ui.end_row();
         }
     });
@@ -190,7 +198,8 @@ fn groups(ui: &mut Ui, series: &FrameSeries, known: &[GroupSummary]) {
 
 /// The table of the quantities, and notes.
 fn table(ui: &mut Ui, camera: &CameraCalibration) {
-    Grid::new("quantities of the camera").num_columns(5).striped(true).spacing([12.0, 2.0]).show(ui, |ui| {
+    let grid = Grid::new("quantities of the camera").num_columns(5).striped(true).spacing([12.0, 2.0]);
+    grid.min_row_height(ROW).show(ui, |ui| {
         for heading in ["Quantity", "Symbol", "Value", "Unit", "95 % interval"] {
             ui.label(RichText::new(heading).size(TEXT).strong());
         }
@@ -201,9 +210,7 @@ fn table(ui: &mut Ui, camera: &CameraCalibration) {
             for text in [quantity.name, quantity.symbol] {
                 ui.label(RichText::new(text).size(TEXT));
             }
-            ui.with_layout(egui::Layout::right_to_left(egui::Align::Center), |ui| {
-                ui.label(RichText::new(value).size(TEXT));
-            });
+            number(ui, value);
             for text in [unit, interval.as_str()] {
                 ui.label(RichText::new(text).size(TEXT));
             }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use egui::{Button, ComboBox, Grid, Label, RichText, TextEdit, Ui, vec2};
+use egui::{Button, ComboBox, Label, RichText, TextEdit, Ui, vec2};
 
 use crate::evaluation::Calibration;
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
@@ -11,7 +11,7 @@ use crate::studio::state::camera::{CameraPath, CameraState, CapturesForm, name_o
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::{CameraRequest, Request};
 use crate::studio::state::view::View;
-use crate::studio::widgets::controls::{name_widget, toolbar};
+use crate::studio::widgets::controls::{name_widget, rest_of_panel, toolbar};
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{CapturePreview, SystemCaptures};
 
@@ -70,35 +70,36 @@ fn ask(form: &mut CapturesForm, captures: &SystemCaptures, requests: &mut Vec<Re
     }
 }
 
-/// Camera file, dark and flat images.
+/// Camera file, dark and flat images: a button for each that is missing, the name of each that is chosen.
 fn files(ui: &mut Ui, form: &mut CapturesForm, requests: &mut Vec<Request>) {
-    Grid::new("files of captures").num_columns(3).spacing([8.0, 3.0]).show(ui, |ui| {
+    ui.horizontal_wrapped(|ui| {
         for (name, path, value) in [
-            ("Camera file", CameraPath::CameraOfCaptures, &mut form.camera),
-            ("Dark images", CameraPath::Dark, &mut form.dark),
-            ("Flat images", CameraPath::Flat, &mut form.flat),
+            ("camera file", CameraPath::CameraOfCaptures, &mut form.camera),
+            ("dark images", CameraPath::Dark, &mut form.dark),
+            ("flat images", CameraPath::Flat, &mut form.flat),
         ] {
-            ui.label(name);
-            let choose = ui.small_button("Choose...").on_hover_text(path.hint());
-            name_widget(&choose, &format!("Choose {}", name.to_lowercase()));
+            let text = value.as_ref().map_or_else(|| sentence_case(name) + "...", |known| name_of(known));
+            let choose = ui.button(text);
+            let hint = value.as_ref().map_or_else(|| path.hint().to_owned(), |known| format!("{name}: {known}"));
+            name_widget(&choose.clone().on_hover_text(hint), &format!("Choose {name}"));
             if choose.clicked() {
                 requests.push(Request::AskPath(PathPurpose::Camera(path)));
             }
-            ui.horizontal(|ui| {
-                let Some(known) = value.clone() else {
-                    ui.label(RichText::new("none").size(TEXT).weak());
-                    return;
-                };
+            if value.is_some() {
                 let clear = ui.small_button("\u{d7}").on_hover_text("Leaves it out");
-                name_widget(&clear, &format!("Leave out {}", name.to_lowercase()));
+                name_widget(&clear, &format!("Leave out {name}"));
                 if clear.clicked() {
                     *value = None;
                 }
-                ui.add(Label::new(RichText::new(name_of(&known)).size(TEXT)).truncate()).on_hover_text(known);
-            });
-            ui.end_row();
+            }
         }
     });
+}
+
+/// A text with a capital at its start.
+fn sentence_case(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 /// Gain, bins, crop and orientation.
@@ -119,7 +120,7 @@ fn options(ui: &mut Ui, form: &mut CapturesForm) {
         let field = NumberField::whole("Captures: bin", 1..=LARGEST_BIN).unit(" px");
         field.edit_whole(ui, bin).on_hover_text("Side of the squares of pixels that are summed");
         ui.label("Crop");
-        let field = TextEdit::singleline(&mut form.typed_crop).desired_width(116.0).hint_text("64x96+10+20");
+        let field = TextEdit::singleline(&mut form.typed_crop).desired_width(92.0).hint_text("64x96+10+20");
         let field = ui.add(field).on_hover_text("ROWSxCOLS+TOP+LEFT in pixels; empty for whole images");
         name_widget(&field, "Captures: crop");
         if field.lost_focus() {
@@ -196,8 +197,7 @@ fn image(
         ui.label(RichText::new(text).size(TEXT));
         form.image.colour_controls(ui, view.palettes);
     });
-    let below = ui.clip_rect().bottom() - ui.cursor().top() - 4.0;
-    let size = vec2(ui.available_width(), below.max(LEAST_IMAGE));
+    let size = vec2(ui.available_width(), rest_of_panel(ui, LEAST_IMAGE));
     ui.allocate_ui(size, |ui| {
         ui.set_min_size(size);
         ui.set_max_size(size);

@@ -186,7 +186,10 @@ fn details(ui: &mut Ui, form: &mut ComparisonForm, results: &ComparisonResults, 
         );
         ui.label(RichText::new(settings).size(TEXT).strong());
         for note in &estimate.notes {
-            ui.add(Label::new(RichText::new(format!("note: {note}")).size(TEXT).weak()).wrap());
+            let text = RichText::new(format!("note: {note}")).size(TEXT);
+            let is_error = note.starts_with("error");
+            let text = if is_error { text.color(ui.visuals().error_fg_color) } else { text.weak() };
+            ui.add(Label::new(text).wrap());
         }
     }
 }

@@ -7,7 +7,7 @@ use egui_plot::{Corner, GridMark, Legend, Line, LineStyle, Plot, PlotPoints, Poi
 
 use crate::camera::CameraCalibration;
 use crate::studio::widgets::colours::{ENTROPY_BOUND, GAUSSIAN};
-use crate::studio::widgets::controls::name_widget;
+use crate::studio::widgets::controls::{name_widget, rest_of_panel};
 
 /// Least height of a plot, points.
 const LEAST_HEIGHT: f32 = 150.0;
@@ -16,9 +16,8 @@ const STEPS: i32 = 100;
 
 /// A plot that fills the rest of the panel.
 fn plot<'a>(ui: &Ui, name: &'a str, x: &str, y: &str) -> Plot<'a> {
-    let below = ui.clip_rect().bottom() - ui.cursor().top() - 4.0;
     Plot::new(name)
-        .height(below.max(LEAST_HEIGHT))
+        .height(rest_of_panel(ui, LEAST_HEIGHT))
         .allow_scroll(false)
         .legend(Legend::default().position(Corner::LeftTop))
         .x_axis_label(x.to_owned())
@@ -86,10 +85,11 @@ pub fn linearity(ui: &mut Ui, camera: &CameraCalibration) {
     let most = points(true).iter().map(|[_, deviation]| deviation.abs()).fold(0.1, f64::max);
     let last = curve.points.iter().map(|point| point.exposure).fold(0.0, f64::max);
     let plot = plot(ui, "Linearity", curve.unit, "deviation from the line (%)")
+        .legend(Legend::default().position(Corner::LeftBottom))
         .default_x_bounds(0.0, 1.05 * last)
         .default_y_bounds(-1.5 * most, 1.5 * most);
     let response = plot.show(ui, |plot| {
-        plot.line(Line::new("line", vec![[0.0, 0.0], [1.05 * last, 0.0]]).color(ENTROPY_BOUND).width(1.5));
+        plot.line(Line::new("", vec![[0.0, 0.0], [1.05 * last, 0.0]]).color(ENTROPY_BOUND).width(1.5));
         plot.points(Points::new("5 to 95 % of saturation", points(true)).color(GAUSSIAN).radius(3.5));
         plot.points(Points::new("other levels", points(false)).color(GAUSSIAN).filled(false).radius(3.5));
     });
@@ -103,9 +103,9 @@ pub fn signal_to_noise(ui: &mut Ui, camera: &CameraCalibration) {
     let end = camera.saturation_electrons.max(10.0).log10();
     let model = (0..=STEPS).map(|step| {
         let x = end * f64::from(step) / f64::from(STEPS);
-        [x, camera.snr_db(10_f64.powf(x)).max(0.0)]
+        [x, camera.snr_db(10_f64.powf(x))]
     });
-    let model: Vec<[f64; 2]> = model.collect();
+    let model: Vec<[f64; 2]> = model.filter(|[_, ratio]| *ratio >= 0.0).collect();
     let plot = plot(ui, "SNR", "electrons", "signal-to-noise ratio (dB)").x_axis_formatter(power);
     let response = plot.show(ui, |plot| {
         plot.line(Line::new("linear sensor", PlotPoints::from(model)).color(ENTROPY_BOUND).width(2.0));

@@ -5,12 +5,15 @@ use egui::{Color32, Sense, Ui, Vec2, WidgetInfo};
 use crate::information::Estimate;
 use crate::studies::plans::CellState;
 use crate::studio::state::request::{Request, StudyRequest};
+use crate::studio::widgets::controls::rest_of_panel;
 use crate::workbench::OpenStudy;
 
 /// Largest side of a cell, points.
 const LARGEST: f32 = 20.0;
 /// Smallest side of a cell, points.
 const SMALLEST: f32 = 7.0;
+/// Least height of the cells, points.
+const LEAST_HEIGHT: f32 = 120.0;
 /// Gap between two cells, points.
 const GAP: f32 = 2.0;
 
@@ -20,7 +23,8 @@ pub fn show(ui: &mut Ui, open: &OpenStudy, running: Option<usize>, requests: &mu
     // Cells come in rows of one mask after another: the fastest axis of a plan.
     let columns = open.folder.plan().axes.mask.len().max(1);
     let side = (ui.available_width() / columns as f32 - GAP).clamp(SMALLEST, LARGEST);
-    egui::ScrollArea::both().auto_shrink(false).show(ui, |ui| {
+    let height = rest_of_panel(ui, LEAST_HEIGHT);
+    egui::ScrollArea::both().id_salt("cells").max_height(height).auto_shrink(false).show(ui, |ui| {
         ui.spacing_mut().item_spacing = Vec2::splat(GAP);
         for first in (0..open.states.len()).step_by(columns) {
             ui.horizontal(|ui| {

@@ -2,14 +2,18 @@
 
 use std::ops::RangeInclusive;
 
-use egui::{Color32, Ui};
+use egui::{Color32, Ui, Vec2, vec2};
 use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points};
 
 use crate::studies::plans::{Figure, Panel, Point, Quantity, Series};
 use crate::studio::state::request::{Request, StudyRequest};
-use crate::studio::widgets::controls::{name_widget, placeholder};
+use crate::studio::widgets::controls::{name_widget, rest_of_panel};
 use crate::workbench::{Colormap, OpenStudy};
 
+/// Least height of the plot, points.
+const LEAST_HEIGHT: f32 = 170.0;
+/// Margin around the points, as a share of their range: labels of the first and last tick have room.
+const MARGIN: Vec2 = vec2(0.12, 0.05);
 /// Distance within which the pointer finds a point, points of the screen.
 const NEAR: f32 = 12.0;
 
@@ -18,7 +22,7 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
     let figure = &open.figure;
     let Some(shown) = figure.panels.get(panel) else { return };
     if shown.series.iter().all(|series| series.points.is_empty()) {
-        placeholder(ui, "No cell is done yet");
+        ui.weak("No cell is done yet");
         return;
     }
     let place = |x: f64| if figure.logarithmic { x.log10() } else { x };
@@ -32,7 +36,10 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
     if quantity == Quantity::Information {
         plot = plot.include_y(0.0);
     }
+    let is_dark = ui.visuals().dark_mode;
     let response = plot
+        .height(rest_of_panel(ui, LEAST_HEIGHT))
+        .set_margin_fraction(MARGIN)
         .legend(Legend::default())
         .allow_scroll(false)
         .x_axis_label(figure.x_label.clone())
@@ -42,7 +49,7 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
         .show(ui, |plot| {
             let count = shown.series.len();
             for (index, series) in shown.series.iter().enumerate() {
-                let colour = colour(index, count);
+                let colour = colour(index, count, is_dark);
                 line(plot, series, figure, colour, quantity == Quantity::Information && figure.optima);
             }
             let pointer = plot.response().hover_pos()?;
@@ -104,9 +111,10 @@ fn grid(ticks: &[(f64, String)]) -> Vec<GridMark> {
     ticks.iter().step_by(every).map(|(x, _)| GridMark { value: *x, step_size: step }).collect()
 }
 
-/// Colour number `index` of `count`, from dark to light. The darkest colours would vanish on a dark background.
-fn colour(index: usize, count: usize) -> Color32 {
-    let share = if count > 1 { 0.25 + 0.75 * index as f32 / (count - 1) as f32 } else { 0.5 };
+/// Colour number `index` of `count`, from dark to light, without those that vanish on the background.
+fn colour(index: usize, count: usize, is_dark: bool) -> Color32 {
+    let (first, last) = if is_dark { (0.25, 1.0) } else { (0.0, 0.75) };
+    let share = if count > 1 { first + (last - first) * index as f32 / (count - 1) as f32 } else { 0.5 };
     let [red, green, blue] = Colormap::Viridis.palette()[Colormap::index(share, (0.0, 1.0))];
     Color32::from_rgb(red, green, blue)
 }
