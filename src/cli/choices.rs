@@ -15,6 +15,7 @@ use crate::forward::{Design, ForwardError, MaskSource};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
+use crate::sensor::PatchSize;
 use crate::studies::PublishedSet;
 
 /// Reads a mask from an argument, which need not be UTF-8, as paths need not be.
@@ -22,11 +23,21 @@ pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
     OsStringValueParser::new().try_map(|text| MaskSource::from_os(&text))
 }
 
-/// Makes or reads the mask for the objects of a design, and reports how its file was understood.
-pub fn open_mask(mask: &MaskSource, design: &Design) -> anyhow::Result<Encoder> {
-    let opened = mask.mask(design.seed, &design.objects)?;
+/// Makes or reads the mask for the objects of a design, and reports how its file was understood. Without `grid` a preset has the
+/// grid of the design, and a file its own.
+pub fn open_mask(mask: &MaskSource, design: &Design, grid: Option<usize>) -> anyhow::Result<Encoder> {
+    let grid = grid.map(|side| (side, side)).or_else(|| mask.file().is_none().then(|| design.encoder.grid()));
+    let opened = mask.mask(design.seed, &design.objects, grid)?;
     opened.notices.iter().for_each(output::report);
     Ok(opened.encoder)
+}
+
+/// Reads the size of the objects from an argument: `256`, or rows x cols such as `256x320`.
+pub fn field_argument(text: &str) -> Result<(usize, usize), String> {
+    match text.parse::<PatchSize>().ok().and_then(PatchSize::shape) {
+        Some(field) => Ok(field),
+        None => Err(format!("field {text:?}: expected pixels such as 256, or rows x cols such as 256x320")),
+    }
 }
 
 /// Reads objects from an argument.

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use clap::Args;
 
-use super::choices::{check_count, mask_argument, objects_argument, open_mask};
-use crate::forward::{Design, MaskSource};
-use crate::objects::ObjectSource;
+use super::choices::{check_count, field_argument, mask_argument, objects_argument, open_mask};
+use crate::forward::{Design, MaskSource, on_grid};
+use crate::objects::{ObjectSource, Placement};
 use crate::optics::LensletArray;
 use crate::sensor::Noise;
 use crate::workbench::DESIGN_FILE;
@@ -28,9 +28,8 @@ pub struct DesignArgs {
     #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = mask_argument())]
     mask: Option<MaskSource>,
 
-    /// Resample the PSF image of --mask psf:FILE or fit:FILE to this side.
-    #[arg(long, value_name = "PIXELS", requires = "mask")]
-    resample: Option<usize>,
+    #[command(flatten)]
+    grid: GridArg,
 
     #[command(flatten)]
     throughput: ThroughputArg,
@@ -38,6 +37,32 @@ pub struct DesignArgs {
     /// Seed of random masks, objects, noise and patches.
     #[arg(long)]
     seed: Option<u64>,
+}
+
+/// The flag `--grid`, and its former spelling.
+#[derive(Args, Debug)]
+pub struct GridArg {
+    /// Side of the PSF grid, pixels. Positions of lenslets and apertures scale with it, widths of spots do not. A PSF image of psf:FILE or
+    /// fit:FILE is resampled [default: the grid of the design, or that of the file of the mask].
+    #[arg(long = "grid", alias = "resample", value_name = "PIXELS")]
+    given: Option<usize>,
+}
+
+impl GridArg {
+    /// The design with this mask, if any, on this grid.
+    ///
+    /// # Errors
+    /// Where the grid is out of range or not one of the mask, or the mask cannot be read.
+    pub fn put_mask(&self, design: &mut Design, mask: Option<&MaskSource>) -> anyhow::Result<()> {
+        if let Some(side) = self.given {
+            check_count("--grid", side, 1..=LensletArray::MAX_SIDE)?;
+        }
+        design.encoder = match mask {
+            Some(mask) => open_mask(mask, design, self.given)?,
+            None => on_grid(design.encoder.clone(), self.given.map(|side| (side, side)))?,
+        };
+        Ok(())
+    }
 }
 
 /// The flag `--throughput`.
@@ -65,6 +90,19 @@ pub struct SceneArgs {
     /// stack:FILE. FILE?axis=last&key=NAME&channel=green&frame=3 selects the part of a file.
     #[arg(long, value_name = "OBJECTS", value_parser = objects_argument())]
     objects: Option<ObjectSource>,
+
+    /// Size of the objects, pixels: 256, or rows x cols such as 256x320, up to 1024 [default: that of the design, or 96]. Objects of
+    /// stack:FILE keep their own.
+    #[arg(long, value_name = "PIXELS", value_parser = field_argument)]
+    field: Option<(usize, usize)>,
+
+    /// How whole images of images:FOLDER get the size of the objects: scaled, tiled or cropped.
+    #[arg(long, value_name = "HOW")]
+    placement: Option<Placement>,
+
+    /// Pitch of the sensor's pixels, micrometres, for physical scales. Information per pixel does not depend on it.
+    #[arg(long, value_name = "UM")]
+    pixel_pitch: Option<f64>,
 
     /// Mean of the objects, photons per pixel.
     #[arg(long, value_name = "PHOTONS")]
@@ -100,13 +138,7 @@ impl DesignArgs {
             design.seed = seed;
         }
         scene.replace_in(&mut design);
-        if let Some(side) = self.resample {
-            check_count("--resample", side, 1..=LensletArray::MAX_SIDE)?;
-        }
-        if let Some(mask) = &self.mask {
-            let resampled = self.resample.map(|side| mask.resampled(side)).transpose()?;
-            design.encoder = open_mask(resampled.as_ref().unwrap_or(mask), &design)?;
-        }
+        self.grid.put_mask(&mut design, self.mask.as_ref())?;
         self.throughput.replace_in(&mut design);
         design.check()?;
         Ok(design)
@@ -170,6 +202,9 @@ impl SceneArgs {
         if let Some(objects) = &self.objects {
             design.objects = objects.clone();
         }
+        design.field = self.field.unwrap_or(design.field);
+        design.placement = self.placement.unwrap_or(design.placement);
+        design.pixel_pitch_um = self.pixel_pitch.or(design.pixel_pitch_um);
         design.mean_photons = self.mean_photons.unwrap_or(design.mean_photons);
         design.bias_photons = self.bias.unwrap_or(design.bias_photons);
         design.noise = self.noise.unwrap_or(design.noise);

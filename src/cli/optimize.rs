@@ -7,9 +7,9 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument, open_mask};
+use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument};
 use super::comparison::{failed, run_with_bar};
-use super::design_args::{SceneArgs, ThroughputArg, check_inputs_stay, files_of, open_design};
+use super::design_args::{GridArg, SceneArgs, ThroughputArg, check_inputs_stay, files_of, open_design};
 use super::failure::Failure;
 use super::optimize_runs::{
     Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
@@ -38,6 +38,9 @@ pub struct Arguments {
     /// mask of DESIGN].
     #[arg(long, value_name = "MASK", value_parser = mask_argument())]
     start: Option<MaskSource>,
+
+    #[command(flatten)]
+    grid: GridArg,
 
     #[command(flatten)]
     throughput: ThroughputArg,
@@ -258,11 +261,8 @@ impl Arguments {
         design.seed = self.seed.unwrap_or(design.seed);
         self.scene.replace_in(&mut design);
         let usual = MaskSource::Random(USUAL_LENSLETS);
-        match (&self.start, &self.design) {
-            (Some(choice), _) => design.encoder = open_mask(choice, &design)?,
-            (None, None) => design.encoder = open_mask(&usual, &design)?,
-            (None, Some(_)) => {}
-        }
+        let start = self.start.as_ref().or_else(|| self.design.is_none().then_some(&usual));
+        self.grid.put_mask(&mut design, start)?;
         self.throughput.replace_in(&mut design);
         design.check()?;
         if !matches!(design.encoder, Encoder::Lenslets(_)) {

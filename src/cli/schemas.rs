@@ -64,8 +64,8 @@ fn shorten(schema: &mut Value) {
     }
 }
 
-/// Versions of files that hold masks: 2 where a throughput is not 1.
-const WITH_MASKS: &[u64] = &[1, MASK_DOCUMENT_VERSION];
+/// Versions of files that hold masks: 2 where a throughput is not 1, 3 where the field or the grid of a diffuser is not the published one.
+const WITH_MASKS: &[u64] = &[1, 2, MASK_DOCUMENT_VERSION];
 
 /// The schema of a file of a kind, with the two entries that such a file begins with.
 fn of_kind(mut page: Page, format: &str, versions: &[u64]) -> Page {

@@ -386,7 +386,7 @@ mod tests {
     use crate::sensor::Noise;
 
     pub(super) fn beads() -> ObjectSet {
-        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() };
         ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap()
     }
 
@@ -399,7 +399,7 @@ mod tests {
 
     /// Beads so sparse that more lenslets show more of them on a small sensor.
     pub(super) fn few_beads() -> ObjectSet {
-        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0 };
+        let options = ObjectOptions { field: (31, 31), mean_photons: 100.0, ..ObjectOptions::default() };
         ObjectSet::open(&"beads:0.01".parse().unwrap(), &options).unwrap()
     }
 

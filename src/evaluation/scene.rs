@@ -10,11 +10,11 @@ use thiserror::Error;
 
 use crate::design::{IdealError, merged};
 use crate::formats::FormatError;
-use crate::forward::{Design, DesignError, ForwardError, bead_response, mean_measurement};
+use crate::forward::{Design, DesignError, ForwardError, bead_response, mean_measurement, open_set_with};
 use crate::information::{
     AnalyticGaussian, BeadEntropyBound, EntropyBound, GaussianBound, InformationError, NoiseEntropy, bootstrap_interval,
 };
-use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ObjectSource, ReadProgress, Split};
+use crate::objects::{ObjectError, ObjectSet, ReadProgress, Split};
 use crate::optics::{Mtf, modulation_transfer};
 use crate::progress::Progress;
 use crate::sensor::{Convolution, ObjectSpectra, SensorError};
@@ -22,6 +22,10 @@ use crate::sparsity::{TamuraSummary, tamura_of_stack};
 
 /// Objects that are measured for every edit; fewer where they are large.
 pub const LIVE_COUNT: usize = 64;
+
+/// Fewest of them at larger fields, and pixels of [`LIVE_COUNT`] objects of the published 96 x 96 px.
+const LEAST_LIVE_COUNT: usize = 8;
+const PAPER_PIXELS: usize = LIVE_COUNT * 96 * 96;
 
 /// Most pixels that are measured for every edit: beyond, there are fewer than [`LIVE_COUNT`] objects.
 const LIVE_PIXELS: usize = 1 << 24;
@@ -131,9 +135,8 @@ impl Optics {
 
 /// Objects ready to be measured.
 pub struct Scene {
-    source: ObjectSource,
-    mean_photons: f64,
-    seed: u64,
+    /// The design that it was opened for.
+    design: Design,
     /// The whole set.
     pub set: Arc<ObjectSet>,
     /// Up to [`LIVE_COUNT`] of its objects, shape (n, planes, rows, cols), photons per pixel.
@@ -148,14 +151,14 @@ impl Scene {
     /// # Errors
     /// [`ObjectError`] where the objects cannot be read.
     pub fn open(design: &Design, progress: &mut dyn Progress<ReadProgress>) -> Result<Self, ObjectError> {
-        let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
-        let set = ObjectSet::open_with(&design.objects, &options, progress)?;
-        Self::of_set(set, design)
+        Self::of_set(open_set_with(design, progress)?, design)
     }
 
     fn of_set(set: ObjectSet, design: &Design) -> Result<Self, ObjectError> {
         let (rows, cols) = set.field();
-        let count = (LIVE_PIXELS / (set.planes() * rows * cols).max(1)).clamp(1, LIVE_COUNT);
+        // A mouse move measures them all, so larger fields have fewer.
+        let affordable = (PAPER_PIXELS / (rows * cols).max(1)).clamp(LEAST_LIVE_COUNT, LIVE_COUNT);
+        let count = (LIVE_PIXELS / (set.planes() * rows * cols).max(1)).clamp(1, affordable);
         let objects = set.objects(Split::All, count, design.seed)?;
         let coefficients = tamura_of_stack(objects.index_axis(Axis(1), 0));
         let tamura = TamuraSummary::of(coefficients.as_slice().unwrap_or(&[])).unwrap_or(TamuraSummary {
@@ -163,24 +166,12 @@ impl Scene {
             sd: 0.0,
             count: 0,
         });
-        Ok(Self {
-            source: design.objects.clone(),
-            mean_photons: design.mean_photons,
-            seed: design.seed,
-            set: Arc::new(set),
-            objects,
-            tamura,
-        })
-    }
-
-    /// Whether two designs image the same objects.
-    pub fn same_objects(one: &Design, other: &Design) -> bool {
-        one.objects == other.objects && one.mean_photons == other.mean_photons && one.seed == other.seed
+        Ok(Self { design: design.clone(), set: Arc::new(set), objects, tamura })
     }
 
     /// Whether this scene is the one that the design images.
     pub fn serves(&self, design: &Design) -> bool {
-        self.source == design.objects && self.mean_photons == design.mean_photons && self.seed == design.seed
+        self.design.has_objects_of(design)
     }
 }
 

@@ -1,5 +1,6 @@
 //! A design, which holds all settings that its numbers depend on, and its JSON file.
 
+use std::fmt;
 use std::path::Path;
 
 use ndarray::{Array3, Axis};
@@ -7,9 +8,9 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::formats::{CompleteFile, DocumentKind, FormatError, Mismatch, read_json};
-use crate::objects::ObjectSource;
+use crate::objects::{ObjectOptions, ObjectSource, Placement};
 use crate::optics::{
-    Diffuser, Encoder, Lenslet, LensletError, Limits, MASK_DOCUMENT_VERSION, heuristic_layout, mask_document_version,
+    Diffuser, Encoder, Lenslet, LensletArray, LensletError, Limits, MASK_DOCUMENT_VERSION, heuristic_layout,
 };
 use crate::sensor::{DEFAULT_BIAS, Noise};
 
@@ -22,7 +23,7 @@ use crate::sensor::{DEFAULT_BIAS, Noise};
 /// assert_eq!(design.psf(1)?.dim(), (1, 32, 32));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Design {
     /// The mask.
@@ -40,6 +41,50 @@ pub struct Design {
     /// Manufacturing limits.
     #[serde(default)]
     pub limits: Limits,
+    /// Rows and columns of the objects in pixels, 1 to 1024; 96 x 96 where absent. Objects of `stack:` keep their own.
+    #[serde(default = "published_field", skip_serializing_if = "is_published_field")]
+    pub field: (usize, usize),
+    /// How whole images of `images:` get the size of the field; scaled where absent.
+    #[serde(default, skip_serializing_if = "is_usual_placement")]
+    pub placement: Placement,
+    /// Pitch of the sensor's pixels in micrometres, 0.01 to 1000, for physical scales. No number of bits depends on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixel_pitch_um: Option<f64>,
+}
+
+pub(crate) fn published_field() -> (usize, usize) {
+    ObjectOptions::default().field
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+pub(crate) fn is_published_field(field: &(usize, usize)) -> bool {
+    *field == published_field()
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+pub(crate) fn is_usual_placement(placement: &Placement) -> bool {
+    *placement == Placement::default()
+}
+
+impl fmt::Debug for Design {
+    /// Keys of earlier programs are made from this format, which knew no sizes: those of their own are left out.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { encoder, objects, mean_photons, bias_photons, noise, seed, limits, .. } = self;
+        let Self { field, placement, pixel_pitch_um, .. } = self;
+        let mut shown = formatter.debug_struct("Design");
+        shown.field("encoder", encoder).field("objects", objects).field("mean_photons", mean_photons);
+        shown.field("bias_photons", bias_photons).field("noise", noise).field("seed", seed).field("limits", limits);
+        if !is_published_field(field) {
+            shown.field("field", field);
+        }
+        if !is_usual_placement(placement) {
+            shown.field("placement", placement);
+        }
+        if let Some(pitch) = pixel_pitch_um {
+            shown.field("pixel_pitch_um", pitch);
+        }
+        shown.finish()
+    }
 }
 
 impl Default for Design {
@@ -53,6 +98,9 @@ impl Default for Design {
             noise: Noise::Shot,
             seed: 1,
             limits: Limits::default(),
+            field: published_field(),
+            placement: Placement::default(),
+            pixel_pitch_um: None,
         }
     }
 }
@@ -73,11 +121,37 @@ pub enum DesignError {
         /// The allowed values.
         expected: &'static str,
     },
+    /// A side of the field or of a diffuser's grid is out of its range.
+    #[error("{name} is {found} px; expected {least} to {most} px")]
+    Side {
+        /// The setting.
+        name: &'static str,
+        /// Its value in pixels.
+        found: usize,
+        /// Smallest allowed value.
+        least: usize,
+        /// Largest allowed value.
+        most: usize,
+    },
+    /// The objects are smaller than the PSF, so no pixel of the sensor has its full light.
+    #[error(
+        "the field of the objects is {} x {} px; expected at least the {} x {} px of the PSF grid; enlarge the field (--field) or \
+         take a smaller grid (--grid)",
+        .field.0, .field.1, .grid.0, .grid.1
+    )]
+    Field {
+        /// Rows and columns of the objects.
+        field: (usize, usize),
+        /// Rows and columns of the PSF grid.
+        grid: (usize, usize),
+    },
 }
 
 impl Design {
     /// Largest mean or background in photons per pixel.
     pub const MAX_PHOTONS: f64 = 1e7;
+    /// Range of the pixel pitch in micrometres.
+    pub const PIXEL_PITCHES: std::ops::RangeInclusive<f64> = 0.01..=1000.0;
 
     /// The design whose measurements give an upper bound on the information of this one by a density model; see
     /// [`Noise::bounding`].
@@ -86,17 +160,51 @@ impl Design {
         Self { noise: self.noise.bounding(), ..self.clone() }
     }
 
+    /// Largest side of the objects in pixels.
+    pub const MAX_FIELD: usize = LensletArray::MAX_SIDE;
+
+    /// How the objects of this design are made from their source.
+    pub fn object_options(&self) -> ObjectOptions {
+        ObjectOptions { field: self.field, mean_photons: self.mean_photons, placement: self.placement }
+    }
+
+    /// Whether another design images the same objects.
+    pub fn has_objects_of(&self, other: &Self) -> bool {
+        self.objects == other.objects && self.object_options() == other.object_options() && self.seed == other.seed
+    }
+
     /// Checks that this design can be computed.
     ///
     /// # Errors
     /// [`DesignError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), DesignError> {
+        self.check_entries()?;
+        let (field, grid) = (self.field, self.encoder.grid());
+        // A stack has a field of its own, which is known once it is read.
+        let is_own = matches!(self.objects, ObjectSource::Stack(_));
+        if is_own || (field.0 >= grid.0 && field.1 >= grid.1) {
+            Ok(())
+        } else {
+            Err(DesignError::Field { field, grid })
+        }
+    }
+
+    /// Checks each entry alone. Earlier programs saved designs whose field is too small, and these still open.
+    fn check_entries(&self) -> Result<(), DesignError> {
         self.encoder.check()?;
-        if let Encoder::Diffuser(Diffuser { aperture_px, .. }) = self.encoder
-            && !(1..=Diffuser::GRID).contains(&aperture_px)
-        {
-            let expected = "1 to 32 pixels";
-            return Err(DesignError::Setting { name: "aperture_px", found: aperture_px as f64, expected });
+        let side = |name, found: usize, least, most| match (least..=most).contains(&found) {
+            true => Ok(()),
+            false => Err(DesignError::Side { name, found, least, most }),
+        };
+        if let Encoder::Diffuser(Diffuser { aperture_px, grid_px, .. }) = self.encoder {
+            side("grid_px", grid_px, *Diffuser::GRIDS.start(), *Diffuser::GRIDS.end())?;
+            side("aperture_px", aperture_px, 1, grid_px)?;
+        }
+        side("field rows", self.field.0, 1, Self::MAX_FIELD)?;
+        side("field columns", self.field.1, 1, Self::MAX_FIELD)?;
+        if let Some(found) = self.pixel_pitch_um.filter(|pitch| !Self::PIXEL_PITCHES.contains(pitch)) {
+            let expected = "0.01 to 1000 micrometres";
+            return Err(DesignError::Setting { name: "pixel_pitch_um", found, expected });
         }
         if !(self.mean_photons > 0.0 && self.mean_photons <= Self::MAX_PHOTONS) {
             let expected = "more than 0 and at most 1e7 photons per pixel";
@@ -156,7 +264,7 @@ impl Design {
         // The error begins with the name of its entry.
         let design: Self = serde_path_to_error::deserialize(value)
             .map_err(|error| refuse(error.to_string(), "correct the entry or restore the file from a backup"))?;
-        design.check().map_err(|error| refuse(error.to_string(), "correct the entry"))?;
+        design.check_entries().map_err(|error| refuse(error.to_string(), "correct the entry"))?;
         Ok(design)
     }
 
@@ -194,9 +302,19 @@ impl Design {
         })
     }
 
+    /// Version of a document that holds this design: that of its mask, or 3 where the objects have other sizes than those of earlier
+    /// programs.
+    pub(crate) fn document_version(&self) -> u64 {
+        if is_published_field(&self.field) && is_usual_placement(&self.placement) {
+            self.encoder.document_version()
+        } else {
+            MASK_DOCUMENT_VERSION
+        }
+    }
+
     /// The kind of its file, in the version that is written.
     fn kind(&self) -> DocumentKind {
-        DESIGN.at_version(mask_document_version([self.encoder.throughput()]))
+        DESIGN.at_version(self.document_version())
     }
 
     /// The PSF, shape (planes, rows, cols), over at least `planes` planes and all focal planes of the lenslets.
@@ -251,7 +369,7 @@ pub enum DesignFileError {
     #[error(transparent)]
     Design(#[from] DesignError),
     /// The file is JSON, but not a design that this version knows.
-    #[error("{path}: expected a Lenslet Studio design of version 1 or 2, found {found}; {advice}")]
+    #[error("{path}: expected a Lenslet Studio design of version 1 to 3, found {found}; {advice}")]
     Refused {
         /// The file.
         path: String,

@@ -3,7 +3,7 @@
 use ndarray::{Axis, s};
 
 use crate::forward::{Design, DesignError};
-use crate::objects::{ObjectError, ObjectOptions, ObjectSet, ReadProgress};
+use crate::objects::{ObjectError, ObjectSet, ReadProgress};
 use crate::progress::{CancelToken, Progress};
 
 /// The objects of a design.
@@ -13,8 +13,7 @@ pub fn open_set(design: &Design) -> Result<ObjectSet, ObjectError> {
 
 /// The objects of a design, with reports of the files read.
 pub fn open_set_with(design: &Design, progress: &mut dyn Progress<ReadProgress>) -> Result<ObjectSet, ObjectError> {
-    let options = ObjectOptions { mean_photons: design.mean_photons, ..ObjectOptions::default() };
-    ObjectSet::open_with(&design.objects, &options, progress)
+    ObjectSet::open_with(&design.objects, &design.object_options(), progress)
 }
 
 /// Notices about the objects of a design, and about light of the PSF on planes without objects.

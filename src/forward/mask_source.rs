@@ -30,7 +30,7 @@ const MOST_DEPTH: usize = 5;
 /// let source: MaskSource = "heuristic:9".parse()?;
 /// assert_eq!(source, MaskSource::Heuristic(9));
 /// let objects = "beads:0.02".parse()?;
-/// assert_eq!(source.mask(1, &objects)?.encoder.psf(1)?.dim(), (1, 32, 32));
+/// assert_eq!(source.mask(1, &objects, None)?.encoder.psf(1)?.dim(), (1, 32, 32));
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,14 +73,18 @@ pub enum MaskError {
         /// The names that there are.
         expected: String,
     },
-    /// The mask has no PSF image that could be resampled.
-    #[error("--resample {side}: expected --mask psf:FILE or fit:FILE; leave it out for other masks")]
-    NoImage {
+    /// The pixels of the mask are given.
+    #[error(
+        "--grid {side}: expected lenslets, a diffuser or --mask psf:FILE, found {mask}; name its file with --mask psf:FILE"
+    )]
+    NoGrid {
         /// The side, pixels.
         side: usize,
+        /// The mask.
+        mask: String,
     },
     /// The side is named twice.
-    #[error("--resample {side}: expected a --mask without @, found {}@; leave one of them out", .file.display())]
+    #[error("--grid {side}: expected a --mask without @, found {}@; leave one of them out", .file.display())]
     TwoSides {
         /// The side, pixels.
         side: usize,
@@ -124,21 +128,6 @@ impl MaskSource {
         })
     }
 
-    /// The same mask with its PSF image resampled to `side` pixels.
-    ///
-    /// # Errors
-    /// [`MaskError`] where the mask has no PSF image, or names another side already.
-    pub fn resampled(&self, side: usize) -> Result<Self, MaskError> {
-        match self {
-            Self::Psf(path, None) => Ok(Self::Psf(path.clone(), Some(side))),
-            Self::Fit(path, None) => Ok(Self::Fit(path.clone(), Some(side))),
-            Self::Psf(path, Some(_)) | Self::Fit(path, Some(_)) => {
-                Err(MaskError::TwoSides { side, file: path.clone() })
-            }
-            _ => Err(MaskError::NoImage { side }),
-        }
-    }
-
     /// The same mask with an absolute path.
     #[must_use]
     pub fn absolute(&self) -> Self {
@@ -165,25 +154,48 @@ impl MaskSource {
     /// Makes or reads the mask. Random masks are drawn with `seed`. Lenslets in depth focus on the planes of `objects`, up
     /// to five; before objects that are no volume they have the published planes of five.
     ///
+    /// The names stand for layouts on the published grid of 32 x 32 px; `grid` is another one, (rows, cols). Positions and
+    /// apertures keep their share of it, and widths stay in pixels. PSF images are resampled to a square grid, and keep their own
+    /// pixels without one.
+    ///
     /// # Errors
-    /// [`MaskError`] where its file cannot be read, or no lenslets can be fitted.
-    pub fn mask(&self, seed: u64, objects: &ObjectSource) -> Result<OpenedMask, MaskError> {
-        let made = |encoder| Ok(OpenedMask { encoder, notices: Vec::new() });
+    /// [`MaskError`] where its file cannot be read, no lenslets can be fitted, or its grid is named twice.
+    pub fn mask(
+        &self,
+        seed: u64,
+        objects: &ObjectSource,
+        grid: Option<(usize, usize)>,
+    ) -> Result<OpenedMask, MaskError> {
+        let made = |encoder| Ok(OpenedMask { encoder: on_grid(encoder, grid)?, notices: Vec::new() });
+        let image = |path: &Path, side: Option<usize>| match (grid, side) {
+            (Some((side, _)), Some(_)) => Err(MaskError::TwoSides { side, file: path.to_owned() }),
+            (grid, side) => image_of(path, side.or(grid.map(|(rows, _)| rows))),
+        };
         match self {
             Self::Heuristic(count) => made(Encoder::Lenslets(heuristic_layout(*count))),
             Self::Random(count) => made(Encoder::Lenslets(random_layout(*count, seed))),
             Self::Depth(count) => made(Encoder::Lenslets(depth_layout(*count, planes_of(objects)))),
             Self::Diffuser(aperture_px) => made(Encoder::Diffuser(Diffuser::behind_aperture(*aperture_px, seed))),
             Self::Design(path) => made(Design::open(path)?.encoder),
-            Self::Psf(path, side) => image_of(path, *side),
+            Self::Psf(path, side) => image(path, *side),
             Self::Fit(path, side) => {
-                let OpenedMask { encoder, mut notices } = image_of(path, *side)?;
+                let OpenedMask { encoder, mut notices } = image(path, *side)?;
                 let fitted = fit_lenslets(&encoder)?;
                 notices.push(format!("{}: {}", path.display(), fitted.summary()));
                 Ok(OpenedMask { encoder: Encoder::Lenslets(fitted.array), notices })
             }
         }
     }
+}
+
+/// The mask on another grid, where one is given.
+///
+/// # Errors
+/// [`MaskError::NoGrid`] for a PSF image of another shape.
+pub fn on_grid(encoder: Encoder, grid: Option<(usize, usize)>) -> Result<Encoder, MaskError> {
+    let Some((rows, cols)) = grid else { return Ok(encoder) };
+    let mask = encoder.describe();
+    encoder.on_grid(rows, cols).ok_or(MaskError::NoGrid { side: rows, mask })
 }
 
 /// Planes that a depth layout is made for.
@@ -256,7 +268,7 @@ mod tests {
     #[test]
     fn lenslets_in_depth_focus_on_the_planes_of_the_objects() {
         let planes = |objects: &str| {
-            let mask = MaskSource::Depth(3).mask(1, &objects.parse().unwrap()).unwrap().encoder;
+            let mask = MaskSource::Depth(3).mask(1, &objects.parse().unwrap(), None).unwrap().encoder;
             mask.lenslets().unwrap().lenslets.iter().map(|lenslet| lenslet.plane).collect::<Vec<_>>()
         };
         assert_eq!(planes("volume:2:0.02"), [1, 0, 2]);
@@ -264,11 +276,23 @@ mod tests {
     }
 
     #[test]
-    fn only_psf_images_are_resampled() {
-        let mask: MaskSource = "psf:a.png".parse().unwrap();
-        assert_eq!(mask.resampled(48).unwrap(), MaskSource::Psf("a.png".into(), Some(48)));
-        for wrong in ["psf:a.png@32", "heuristic:3", "design:a.json"] {
-            assert!(wrong.parse::<MaskSource>().unwrap().resampled(48).is_err(), "{wrong}");
+    fn presets_scale_to_another_grid_and_images_keep_theirs() {
+        let objects = "beads:0.02".parse().unwrap();
+        let mask =
+            |text: &str, grid| text.parse::<MaskSource>().unwrap().mask(1, &objects, grid).map(|mask| mask.encoder);
+        for text in ["heuristic:4", "random:5", "depth:3", "diffuser:16"] {
+            let published = mask(text, None).unwrap();
+            assert_eq!(mask(text, Some((32, 32))).unwrap(), published);
+            let scaled = mask(text, Some((64, 64))).unwrap();
+            assert_eq!((published.grid(), scaled.grid()), ((32, 32), (64, 64)));
+            assert!((scaled.psf(1).unwrap().dim(), published.psf(1).unwrap().dim()) == ((1, 64, 64), (1, 32, 32)));
         }
+        let Encoder::Lenslets(array) = mask("heuristic:2", Some((64, 96))).unwrap() else { panic!("lenslets") };
+        let lenslet = array.lenslets[1];
+        assert_eq!((lenslet.x, lenslet.y, lenslet.spot.mean_sigma()), (28.0, 14.5, 0.8));
+        let Encoder::Diffuser(diffuser) = mask("diffuser:16", Some((64, 64))).unwrap() else { panic!("a diffuser") };
+        assert!(diffuser.aperture_px == 32 && (0.05..0.6).contains(&diffuser.throughput), "{diffuser:?}");
+        let twice = mask("psf:a.npy@8", Some((16, 16))).unwrap_err().to_string();
+        assert_eq!(twice, "--grid 16: expected a --mask without @, found a.npy@; leave one of them out");
     }
 }

@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use image::imageops::{FilterType, resize};
-use image::{ImageBuffer, Luma};
 use rayon::prelude::*;
 
 use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, Samples, image_files};
@@ -12,6 +10,7 @@ use crate::progress::Progress;
 
 use super::ObjectError;
 use super::clean::clean;
+use super::placement::Placement;
 use super::set::{FileReport, ReadProgress, report_read};
 
 /// Number of files read at a time.
@@ -21,11 +20,25 @@ const MOST_FITTED_PIXELS: usize = 1 << 30;
 /// Largest number of files that a notice names.
 const NAMED_FILES: usize = 5;
 
-/// Images of a path, scaled for objects.
+/// Size of the objects, and how larger images get it.
+#[derive(Clone, Copy)]
+pub(super) struct Size {
+    /// Rows and columns in pixels.
+    pub(super) field: (usize, usize),
+    pub(super) placement: Placement,
+}
+
+impl Size {
+    fn fit(self, stack: PixelStack) -> PixelStack {
+        self.placement.fit(stack, self.field)
+    }
+}
+
+/// Images of a path, in the size of objects.
 pub(super) enum Loaded {
     /// Tiles: all images are at most half the field.
     Tiles(Vec<PixelStack>),
-    /// Whole images, scaled and cropped to the field.
+    /// Whole images in the size of the field.
     Whole(PixelStack),
 }
 
@@ -33,7 +46,7 @@ pub(super) enum Loaded {
 enum Item {
     /// At most half the field on both sides, unchanged.
     Small(PixelStack),
-    /// Scaled and cropped to the field.
+    /// In the size of the field.
     Fitted(PixelStack),
 }
 
@@ -50,10 +63,11 @@ impl Item {
 /// Unreadable files of a folder are left out and listed in `notices`.
 pub(super) fn load(
     path: &Path,
-    field: (usize, usize),
+    size: Size,
     report: &mut FileReport,
     progress: &mut dyn Progress<ReadProgress>,
 ) -> Result<Loaded, ObjectError> {
+    let field = size.field;
     let files = image_files(path)?;
     let is_folder = ImageFile::find(path)?.path.is_dir();
     let mut items = Vec::with_capacity(files.len());
@@ -79,9 +93,9 @@ pub(super) fn load(
                         return Err(ObjectError::TooMany { count: pages, planes: 1, rows: field.0, cols: field.1 });
                     }
                     if !is_small(&stack, field) {
-                        changed.extend(change(&stack, field));
+                        changed.extend(size.placement.change(&stack, field));
                     }
-                    items.push(item(stack, field));
+                    items.push(item(stack, size));
                 }
                 Err(error) if !is_folder => return Err(error.into()),
                 Err(error) => unreadable.push(error),
@@ -114,8 +128,8 @@ pub(super) fn load(
     }
     notices.extend(mixed_levels(&mut items));
     notices.extend(same_white(&mut items));
-    notices.extend(changes(&changed, has_fitted, field));
-    Ok(combine(items, field))
+    notices.extend(changes(&changed, has_fitted, size));
+    Ok(combine(items, size))
 }
 
 /// Notice of floating-point images among integer ones: their range is unknown.
@@ -155,91 +169,40 @@ fn name_of(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// Description of how images are changed to fit the field; `None` where they fit unchanged. It applies to images larger
-/// than half the field, and to small ones among such images.
-fn change(stack: &PixelStack, (rows, cols): (usize, usize)) -> Option<String> {
-    let (crop_rows, crop_cols) = crop(stack, (rows, cols));
-    let cropped = (crop_rows, crop_cols) != (stack.rows, stack.cols);
-    let scaled = (crop_rows, crop_cols) != (rows, cols);
-    let middle = format!("the middle {crop_rows} x {crop_cols} of {} x {} px", stack.rows, stack.cols);
-    match (cropped, scaled) {
-        (false, false) => None,
-        (true, false) => Some(middle),
-        (true, true) => Some(format!("{middle}, scaled to {rows} x {cols} px")),
-        (false, true) => Some(format!("scaled from {} x {} px to {rows} x {cols} px", stack.rows, stack.cols)),
-    }
-}
-
 /// Description of the changes of all files, in one sentence.
-fn changes(changed: &[String], has_fitted: bool, (rows, cols): (usize, usize)) -> Option<String> {
+fn changes(changed: &[String], has_fitted: bool, size: Size) -> Option<String> {
     let (first, others) = changed.split_first().filter(|_| has_fitted)?;
     if others.iter().all(|other| other == first) {
         return Some(format!("objects are {first}"));
     }
-    Some(format!("objects are the middles of images of several sizes, scaled to {rows} x {cols} px"))
+    Some(format!("objects are {}", size.placement.change_of_several(size.field)))
 }
 
 fn is_small(stack: &PixelStack, field: (usize, usize)) -> bool {
     2 * stack.rows <= field.0 && 2 * stack.cols <= field.1
 }
 
-fn item(stack: PixelStack, field: (usize, usize)) -> Item {
-    if is_small(&stack, field) { Item::Small(stack) } else { Item::Fitted(fit(stack, field)) }
+fn item(stack: PixelStack, size: Size) -> Item {
+    if is_small(&stack, size.field) { Item::Small(stack) } else { Item::Fitted(size.fit(stack)) }
 }
 
-fn combine(items: Vec<Item>, field: (usize, usize)) -> Loaded {
+fn combine(items: Vec<Item>, size: Size) -> Loaded {
     if items.iter().all(|item| matches!(item, Item::Small(_))) {
         let small = items.into_iter().map(|item| match item {
             Item::Small(stack) | Item::Fitted(stack) => stack,
         });
         return Loaded::Tiles(small.collect());
     }
-    let mut whole = PixelStack::new(0, field.0, field.1, Samples::U8(Vec::new()));
+    let mut whole = PixelStack::new(0, size.field.0, size.field.1, Samples::U8(Vec::new()));
     for item in items {
         let stack = match item {
-            Item::Small(stack) => fit(stack, field),
+            Item::Small(stack) => size.fit(stack),
             Item::Fitted(stack) => stack,
         };
         whole.pages += stack.pages;
         whole.samples.append(stack.samples);
     }
     Loaded::Whole(whole)
-}
-
-/// Rows and columns of the central part with the aspect ratio of the field.
-fn crop(stack: &PixelStack, (rows, cols): (usize, usize)) -> (usize, usize) {
-    let scale = (rows as f64 / stack.rows as f64).max(cols as f64 / stack.cols as f64);
-    let part = |length: usize, of: usize| ((length as f64 / scale).round() as usize).clamp(1, of);
-    (part(rows, stack.rows), part(cols, stack.cols))
-}
-
-/// Crops the middle of each image to the aspect ratio of the field and scales it to the field. The triangle filter
-/// averages over areas when it shrinks.
-fn fit(stack: PixelStack, (rows, cols): (usize, usize)) -> PixelStack {
-    if (stack.rows, stack.cols) == (rows, cols) {
-        return stack;
-    }
-    let (crop_rows, crop_cols) = crop(&stack, (rows, cols));
-    let (top, left) = ((stack.rows - crop_rows) / 2, (stack.cols - crop_cols) / 2);
-    let mut values = Vec::with_capacity(stack.pages * rows * cols);
-    for page in 0..stack.pages {
-        let start = page * stack.rows * stack.cols;
-        let value =
-            |row: u32, col: u32| stack.samples.value(start + (top + row as usize) * stack.cols + left + col as usize);
-        let (rows_u32, cols_u32) = (crop_rows as u32, crop_cols as u32);
-        // The resizer clips floats to 0..1, so the values are scaled to that range and back.
-        let largest = (0..rows_u32).flat_map(|row| (0..cols_u32).map(move |col| (row, col)));
-        let largest = largest.map(|(row, col)| value(row, col)).fold(0.0, f32::max);
-        if largest == 0.0 {
-            values.resize(values.len() + rows * cols, 0.0);
-            continue;
-        }
-        let unit =
-            ImageBuffer::<Luma<f32>, _>::from_fn(cols_u32, rows_u32, |col, row| Luma([value(row, col) / largest]));
-        let scaled = resize(&unit, cols as u32, rows as u32, FilterType::Triangle);
-        values.extend(scaled.into_raw().into_iter().map(|value| value * largest));
-    }
-    PixelStack { rows, cols, samples: Samples::F32(values), ..stack }
 }
 
 #[cfg(test)]
@@ -249,29 +212,17 @@ mod tests {
     use super::*;
     use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 
+    const SIZE: Size = Size { field: (96, 96), placement: Placement::Scaled };
+
     fn image(rows: usize, cols: usize, value: impl Fn(usize, usize) -> f32) -> PixelStack {
         let samples = Samples::F32((0..rows * cols).map(|pixel| value(pixel / cols, pixel % cols)).collect());
         PixelStack::new(1, rows, cols, samples)
     }
 
     #[test]
-    fn scaling_keeps_levels_orientation_and_the_middle() {
-        let flat = fit(image(270, 480, |_, _| 300.0), (96, 96)).image(0);
-        assert!(flat.dim() == (96, 96) && flat.iter().all(|value| (value - 300.0).abs() < 1e-3));
-        // A ramp along the columns stays a ramp: 270 px scale to 96, and the middle column stays in the middle.
-        let ramp = fit(image(270, 480, |_, col| col as f32), (96, 96)).image(0);
-        let slope = (ramp[[50, 80]] - ramp[[50, 16]]) / 64.0;
-        assert!((slope - 270.0 / 96.0).abs() < 0.01, "{slope}");
-        assert!((f32::midpoint(ramp[[10, 47]], ramp[[10, 48]]) - 239.5).abs() < 0.01);
-        assert!((ramp[[10, 30]] - ramp[[90, 30]]).abs() < 1e-3);
-        let tall = fit(image(1, 30_000, |_, _| 2.0), (96, 64)).image(0);
-        assert!(tall.dim() == (96, 64) && (tall.sum() - 2.0 * 96.0 * 64.0).abs() < 1.0);
-    }
-
-    #[test]
     fn white_is_white_whatever_the_depth_of_the_file() {
-        let deep = |value: u16| item(PixelStack::new(1, 20, 20, Samples::U16(vec![value; 400])), (96, 96));
-        let shallow = |side: usize| item(PixelStack::new(1, side, side, Samples::U8(vec![255; side * side])), (96, 96));
+        let deep = |value: u16| item(PixelStack::new(1, 20, 20, Samples::U16(vec![value; 400])), SIZE);
+        let shallow = |side: usize| item(PixelStack::new(1, side, side, Samples::U8(vec![255; side * side])), SIZE);
         let mut items = vec![shallow(20), deep(65_535), deep(300), shallow(60)];
         let report = same_white(&mut items).unwrap();
         assert_eq!(report, "2 8-bit files were brought to the range of the 16-bit ones among them (times 257)");
@@ -279,7 +230,7 @@ mod tests {
         assert_eq!(firsts, [65_535.0, 65_535.0, 300.0, 65_535.0]);
         assert_eq!(same_white(&mut [shallow(20), shallow(60)]), None);
         assert_eq!(same_white(&mut [deep(9), deep(5)]), None);
-        let float = || item(image(20, 20, |_, _| 0.5), (96, 96));
+        let float = || item(image(20, 20, |_, _| 0.5), SIZE);
         let report = mixed_levels(&mut [shallow(20), float(), deep(9)]).unwrap();
         assert!(report.starts_with("1 of 3 files holds values without a range"), "{report}");
         assert_eq!((mixed_levels(&mut [float(), float()]), mixed_levels(&mut [shallow(20), deep(9)])), (None, None));
@@ -287,10 +238,10 @@ mod tests {
 
     #[test]
     fn small_images_are_tiles_unless_a_large_one_is_among_them() {
-        let small = || item(image(48, 20, |_, _| 1.0), (96, 96));
-        let large = || item(image(49, 20, |_, _| 1.0), (96, 96));
-        assert!(matches!(combine(vec![small(), small()], (96, 96)), Loaded::Tiles(tiles) if tiles.len() == 2));
-        let Loaded::Whole(whole) = combine(vec![small(), large()], (96, 96)) else { panic!("tiles") };
+        let small = || item(image(48, 20, |_, _| 1.0), SIZE);
+        let large = || item(image(49, 20, |_, _| 1.0), SIZE);
+        assert!(matches!(combine(vec![small(), small()], SIZE), Loaded::Tiles(tiles) if tiles.len() == 2));
+        let Loaded::Whole(whole) = combine(vec![small(), large()], SIZE) else { panic!("tiles") };
         assert_eq!((whole.pages, whole.rows, whole.cols, whole.samples.len()), (2, 96, 96, 2 * 96 * 96));
     }
 

@@ -9,6 +9,7 @@ mod clean;
 mod error;
 mod load;
 mod mosaic;
+mod placement;
 mod set;
 mod source;
 mod split;
@@ -16,6 +17,7 @@ mod whole_images;
 
 pub use beads::BeadPrior;
 pub use error::ObjectError;
+pub use placement::Placement;
 pub use set::{ObjectOptions, ObjectSet, PlacedImage, ReadProgress};
 pub use source::ObjectSource;
 pub use split::Split;

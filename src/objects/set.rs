@@ -14,8 +14,9 @@ use crate::progress::{CancelToken, Progress};
 
 use super::beads::{BeadScale, Beads};
 use super::clean::clean;
-use super::load::{Loaded, load};
+use super::load::{Loaded, Size, load};
 use super::mosaic::Mosaic;
+use super::placement::Placement;
 use super::split::Parts;
 use super::whole_images::WholeImages;
 use super::{ObjectError, ObjectSource, Split};
@@ -44,12 +45,14 @@ pub struct ObjectOptions {
     pub field: (usize, usize),
     /// Mean over the set, photons per pixel. `beads-max:` has 2000 photons per bead instead.
     pub mean_photons: f64,
+    /// How images larger than half the field get its size.
+    pub placement: Placement,
 }
 
 impl Default for ObjectOptions {
     /// 96 x 96 px and 100 photons per pixel, as in the paper.
     fn default() -> Self {
-        Self { field: (96, 96), mean_photons: 100.0 }
+        Self { field: (96, 96), mean_photons: 100.0, placement: Placement::Scaled }
     }
 }
 
@@ -164,10 +167,12 @@ impl ObjectSet {
             ObjectSource::Volume { planes, density } => beads(*density, *planes, BeadScale::Mean(mean))?,
             ObjectSource::Idx(path) => mosaic(path, vec![one_file(path, read_idx, &mut report, progress)?], mean)?,
             ObjectSource::Cifar(path) => mosaic(path, vec![one_file(path, read_cifar, &mut report, progress)?], mean)?,
-            ObjectSource::Images(path) => match load(path, options.field, &mut report, progress)? {
-                Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
-                Loaded::Whole(stack) => whole(path, stack, mean)?,
-            },
+            ObjectSource::Images(path) => {
+                match load(path, Size { field: options.field, placement: options.placement }, &mut report, progress)? {
+                    Loaded::Tiles(stacks) => mosaic(path, stacks, mean)?,
+                    Loaded::Whole(stack) => whole(path, stack, mean)?,
+                }
+            }
             ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut report, progress)?, mean)?,
         };
         let (field, mean) = match &content {

@@ -9,6 +9,7 @@
 //! inside, unless the mask keeps the light.
 
 use std::fmt;
+use std::ops::RangeInclusive;
 
 use ndarray::{Array2, s};
 use rand::SeedableRng;
@@ -21,7 +22,7 @@ use super::throughput::{LEAST_THROUGHPUT, finish_debug, is_unit, unit};
 /// Sides in pixels of the published square apertures, from none ("huge") to the smallest.
 pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
 
-/// A diffuser on a 32x32 PSF grid.
+/// A diffuser on a square PSF grid.
 ///
 /// ```
 /// use lenslet_studio::optics::Diffuser;
@@ -37,28 +38,50 @@ pub const DIFFUSER_APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
 #[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Diffuser {
-    /// Side of the square, centred aperture in pixels, 1 to 32.
+    /// Side of the square, centred aperture in pixels, 1 to that of the grid.
     pub aperture_px: usize,
     /// Seed of the surface. The same seed gives the same surface behind every aperture.
     pub seed: u64,
     /// Sum of the PSF, more than 0 and at most 1; 1 (the light is kept) where absent.
     #[serde(default = "unit", skip_serializing_if = "is_unit")]
     pub throughput: f64,
+    /// Side of the PSF grid in pixels, 8 to 1024; 32 where absent. Bumps of the surface keep their size in pixels, so a larger grid
+    /// shows more of them.
+    #[serde(default = "published_grid", skip_serializing_if = "is_published_grid")]
+    pub grid_px: usize,
+}
+
+fn published_grid() -> usize {
+    Diffuser::GRID
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_published_grid(grid_px: &usize) -> bool {
+    *grid_px == Diffuser::GRID
 }
 
 impl fmt::Debug for Diffuser {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { aperture_px, seed, throughput } = self;
+        let Self { aperture_px, seed, throughput, grid_px } = self;
         let mut shown = formatter.debug_struct("Diffuser");
-        finish_debug(shown.field("aperture_px", aperture_px).field("seed", seed), *throughput)
+        shown.field("aperture_px", aperture_px).field("seed", seed);
+        if !is_published_grid(grid_px) {
+            shown.field("grid_px", grid_px);
+        }
+        finish_debug(&mut shown, *throughput)
     }
 }
 
 impl Diffuser {
-    /// Side of the PSF grid in pixels.
+    /// Side of the published PSF grid in pixels.
     pub const GRID: usize = 32;
-    /// Rays per pixel along each axis.
+    /// Smallest and largest side of a PSF grid in pixels.
+    pub const GRIDS: RangeInclusive<usize> = 8..=1024;
+    /// Most rays per pixel along each axis, and along the whole grid where that is large.
     const RAYS: usize = 16;
+    const MOST_RAYS: usize = 2048;
+    /// Least rays per pixel along each axis.
+    const LEAST_RAYS: usize = 4;
     /// Standard deviation in pixels of the filter that smooths the surface. It sets the width of the bumps.
     const BUMP_PX: f64 = 2.5;
     /// Root mean square of the curvature times the distance to the sensor. At 1 most bumps focus near the sensor.
@@ -67,19 +90,41 @@ impl Diffuser {
     /// A diffuser behind an aperture of `aperture_px` x `aperture_px` pixels that blocks the light outside: its throughput
     /// is the share of the caustic's light inside the aperture.
     pub fn behind_aperture(aperture_px: usize, seed: u64) -> Self {
-        let kept = Self::with_light_kept(aperture_px, seed);
-        let caustic = kept.caustic();
+        Self::with_light_kept(aperture_px, seed).blocking()
+    }
+
+    /// The diffuser with the throughput of an aperture that blocks the light outside.
+    fn blocking(self) -> Self {
+        let caustic = self.caustic();
         // A seed whose aperture is dark is not known; the least throughput keeps the mask valid.
-        let share = (kept.open(&caustic).sum() / caustic.sum()).max(LEAST_THROUGHPUT);
-        Self { throughput: share, ..kept }
+        let share = (self.open(&caustic).sum() / caustic.sum()).max(LEAST_THROUGHPUT);
+        Self { throughput: share, ..self }
+    }
+
+    /// Rays per pixel along each axis.
+    fn rays(self) -> usize {
+        (Self::MOST_RAYS / self.grid_px).clamp(Self::LEAST_RAYS, Self::RAYS)
     }
 
     /// A diffuser whose light passes through the aperture as a whole: throughput 1.
     pub fn with_light_kept(aperture_px: usize, seed: u64) -> Self {
-        Self { aperture_px, seed, throughput: 1.0 }
+        Self { aperture_px, seed, throughput: 1.0, grid_px: Self::GRID }
     }
 
-    /// Renders the PSF, shape (32, 32). Its sum is the throughput. An aperture outside 1 to 32 px is clamped.
+    /// The diffuser over a grid of `side` x `side` pixels. The aperture keeps its share of the grid. A throughput that is the share of
+    /// the light inside the aperture is that of the new aperture; another one stays.
+    #[must_use]
+    pub fn on_grid(self, side: usize) -> Self {
+        if side == self.grid_px {
+            return self;
+        }
+        let is_blocking = self.throughput < 1.0 && self.blocking() == self;
+        let aperture = (self.aperture_px as f64 * side as f64 / self.grid_px as f64).round() as usize;
+        let scaled = Self { aperture_px: aperture.clamp(1, side), grid_px: side, ..self };
+        if is_blocking { scaled.blocking() } else { scaled }
+    }
+
+    /// Renders the PSF, shape (32, 32) or that of a larger grid. Its sum is the throughput. An aperture outside the grid is clamped.
     pub fn render(self) -> Array2<f64> {
         let psf = self.open(&self.caustic());
         let sum = psf.sum();
@@ -88,9 +133,9 @@ impl Diffuser {
 
     /// The light inside the aperture, and zeros around it.
     fn open(self, caustic: &Array2<f64>) -> Array2<f64> {
-        let aperture = self.aperture_px.clamp(1, Self::GRID);
-        let start = (Self::GRID - aperture) / 2;
-        let mut inside = Array2::zeros((Self::GRID, Self::GRID));
+        let aperture = self.aperture_px.clamp(1, self.grid_px);
+        let start = (self.grid_px - aperture) / 2;
+        let mut inside = Array2::zeros((self.grid_px, self.grid_px));
         let open = s![start..start + aperture, start..start + aperture];
         inside.slice_mut(open).assign(&caustic.slice(open));
         inside
@@ -98,9 +143,9 @@ impl Diffuser {
 
     /// Light on the whole periodic tile, unnormalised.
     fn caustic(self) -> Array2<f64> {
-        let side = Self::GRID * Self::RAYS;
+        let side = self.grid_px * self.rays();
         let height = self.surface(side);
-        let rays = Self::RAYS as f64;
+        let rays = self.rays() as f64;
         // Central differences on the periodic tile, in pixels.
         let wrap = |index: usize, step: isize| (index as isize + step).rem_euclid(side as isize) as usize;
         let slope = |row: usize, col: usize| {
@@ -122,7 +167,7 @@ impl Diffuser {
             / (side * side) as f64;
         // Half the Laplacian is the mean curvature of the two axes.
         let distance = Self::FOCUS / (0.5 * curvature.sqrt());
-        let mut light = Array2::zeros((Self::GRID, Self::GRID));
+        let mut light = Array2::zeros((self.grid_px, self.grid_px));
         for row in 0..side {
             for col in 0..side {
                 let (by_x, by_y) = slope(row, col);
@@ -139,14 +184,15 @@ impl Diffuser {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         // The noise lies on the pixel grid, so the number of rays does not change the surface. The Gaussian that smooths
         // the noise also interpolates it.
-        let noise = Array2::from_shape_simple_fn((Self::GRID, Self::GRID), || StandardNormal.sample(&mut random));
+        let (grid, rays) = (self.grid_px, self.rays() as f64);
+        let noise = Array2::from_shape_simple_fn((grid, grid), || StandardNormal.sample(&mut random));
         let kernel = |fine: usize, coarse: usize| {
-            let position = (fine as f64 + 0.5) / Self::RAYS as f64 - 0.5;
-            let half = Self::GRID as f64 / 2.0;
-            let distance = (position - coarse as f64 + half).rem_euclid(Self::GRID as f64) - half;
+            let position = (fine as f64 + 0.5) / rays - 0.5;
+            let half = grid as f64 / 2.0;
+            let distance = (position - coarse as f64 + half).rem_euclid(grid as f64) - half;
             (-0.5 * (distance / Self::BUMP_PX).powi(2)).exp()
         };
-        let smooth: Array2<f64> = Array2::from_shape_fn((side, Self::GRID), |(fine, coarse)| kernel(fine, coarse));
+        let smooth: Array2<f64> = Array2::from_shape_fn((side, grid), |(fine, coarse)| kernel(fine, coarse));
         smooth.dot(&noise).dot(&smooth.t())
     }
 }

@@ -14,6 +14,10 @@ use super::throughput::{OF_APERTURES, OF_LENSLETS, finish_debug, is_unit, unit};
 
 use crate::plural::counted;
 
+/// Newest version of documents that hold masks or designs. Programs that know an earlier version alone would ignore what it lacks and
+/// compute other numbers.
+pub(crate) const MASK_DOCUMENT_VERSION: u64 = 3;
+
 /// An optical encoder of scenes.
 ///
 /// ```
@@ -104,8 +108,19 @@ impl Encoder {
     pub fn grid(&self) -> (usize, usize) {
         match self {
             Self::Lenslets(array) => (array.rows, array.cols),
-            Self::Diffuser(_) => (Diffuser::GRID, Diffuser::GRID),
+            Self::Diffuser(diffuser) => (diffuser.grid_px, diffuser.grid_px),
             Self::Image(image) => image.psf.dim(),
+        }
+    }
+
+    /// The encoder over a grid of `rows` x `cols` pixels: positions and apertures keep their share of the grid, widths stay in pixels.
+    /// The grid of a diffuser is square, of the shorter side. None for an image of another shape, whose pixels are given.
+    #[must_use]
+    pub fn on_grid(self, rows: usize, cols: usize) -> Option<Self> {
+        match self {
+            Self::Lenslets(array) => Some(Self::Lenslets(array.on_grid(rows, cols))),
+            Self::Diffuser(diffuser) => Some(Self::Diffuser(diffuser.on_grid(rows.min(cols)))),
+            Self::Image(image) => (image.psf.dim() == (rows, cols)).then_some(Self::Image(image)),
         }
     }
 
@@ -115,6 +130,16 @@ impl Encoder {
             Self::Lenslets(array) => array.throughput,
             Self::Diffuser(diffuser) => diffuser.throughput,
             Self::Image(image) => image.throughput,
+        }
+    }
+
+    /// Version of a document that holds this mask: 1 where earlier programs compute the same with it, 2 for a throughput other than 1,
+    /// 3 for a diffuser on another grid.
+    pub(crate) fn document_version(&self) -> u64 {
+        match self {
+            Self::Diffuser(diffuser) if diffuser.grid_px != Diffuser::GRID => MASK_DOCUMENT_VERSION,
+            _ if self.throughput_unless_unit().is_some() => 2,
+            _ => 1,
         }
     }
 

@@ -229,6 +229,22 @@ impl LensletArray {
         Self { throughput, ..self }
     }
 
+    /// The array over a grid of `rows` x `cols` pixels, with every centre at the same share of each side. Widths stay in pixels, as
+    /// the published widths are those of a spot that one pixel limits.
+    #[must_use]
+    pub fn on_grid(mut self, rows: usize, cols: usize) -> Self {
+        let scaled = |centre: f64, from: usize, to: usize| match from == to {
+            true => centre,
+            // Pixel centres are integers, so the grid begins at -0.5.
+            false => (centre + 0.5) * to as f64 / from as f64 - 0.5,
+        };
+        for lenslet in &mut self.lenslets {
+            lenslet.x = scaled(lenslet.x, self.cols, cols);
+            lenslet.y = scaled(lenslet.y, self.rows, rows);
+        }
+        Self { rows, cols, ..self }
+    }
+
     /// The array with its weights scaled to sum 1, or unchanged where they sum to 0.
     #[must_use]
     pub fn with_unit_weight(mut self) -> Self {

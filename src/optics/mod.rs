@@ -11,6 +11,7 @@ mod psf;
 mod throughput;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
+pub(crate) use encoder::MASK_DOCUMENT_VERSION;
 pub use encoder::{Encoder, PsfImage};
 pub use import::{PsfError, import_psf, normalised_psf, psf_file};
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
@@ -19,4 +20,3 @@ pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};
 pub use mtf::{Mtf, modulation_transfer};
 pub use psf::{LensletGradient, psf_gradient, render_psf};
 pub use throughput::LEAST_THROUGHPUT;
-pub(crate) use throughput::{MASK_DOCUMENT_VERSION, mask_document_version};

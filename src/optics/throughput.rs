@@ -7,16 +7,6 @@
 use std::fmt::{self, DebugStruct};
 use std::ops::RangeInclusive;
 
-/// Newest version of documents that hold masks. Version 1 has no throughput: programs that know no other would take
-/// every mask for one that keeps the light.
-pub(crate) const MASK_DOCUMENT_VERSION: u64 = 2;
-
-/// Version of a document with masks of these throughputs: 1 where every mask keeps the light, so that earlier programs
-/// read it, else 2.
-pub(crate) fn mask_document_version(throughputs: impl IntoIterator<Item = f64>) -> u64 {
-    if throughputs.into_iter().all(|throughput| is_unit(&throughput)) { 1 } else { MASK_DOCUMENT_VERSION }
-}
-
 /// Least throughput of a mask.
 pub const LEAST_THROUGHPUT: f64 = 1e-6;
 /// Range of the throughput of lenslets: up to 1 for each plane of the deepest volume.

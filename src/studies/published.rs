@@ -7,7 +7,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::forward::Design;
+use crate::forward::{Design, is_published_field};
 use crate::objects::ObjectSource;
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
@@ -140,7 +140,7 @@ pub(super) fn published(
     patch: Option<(usize, usize)>,
 ) -> Option<Published> {
     let light = (design.mean_photons, design.bias_photons) == (MEAN_PHOTONS, BIAS_PHOTONS);
-    if !light || patch != Some(PATCH) {
+    if !light || !is_published_field(&design.field) || patch != Some(PATCH) {
         return None;
     }
     let lenslets = heuristic_lenslets(&design.encoder)?;

@@ -254,7 +254,9 @@ fn options_outside_their_range_are_refused() {
         ((96, 96), f64::NAN, "mean_photons"),
         ((5, 5), 100.0, "one bead"),
     ] {
-        let error = ObjectSet::open(&source, &ObjectOptions { field, mean_photons }).unwrap_err().to_string();
+        let error = ObjectSet::open(&source, &ObjectOptions { field, mean_photons, ..ObjectOptions::default() })
+            .unwrap_err()
+            .to_string();
         assert!(error.contains(told), "{error}");
     }
 }

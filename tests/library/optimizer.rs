@@ -22,7 +22,7 @@ use rand_distr::{Distribution, Normal};
 
 /// Small bead objects for a small sensor.
 fn beads(density: f64) -> ObjectSet {
-    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() };
     ObjectSet::open(&format!("beads:{density}").parse().unwrap(), &options).unwrap()
 }
 
@@ -92,7 +92,7 @@ fn dim_mask_is_optimized_as_at_less_light_and_keeps_its_throughput() {
     for settings in [settings(), up_the_posterior()] {
         let settings = IdealSettings { steps: 4, first_fit: 20, last_fit: 10, ..settings };
         let state = |mean_photons: f64, throughput: f64| {
-            let options = ObjectOptions { field: (27, 27), mean_photons };
+            let options = ObjectOptions { field: (27, 27), mean_photons, ..ObjectOptions::default() };
             let forward = forward_model(&ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap());
             run(&forward, &two().with_throughput(throughput), settings.clone()).state().clone()
         };
@@ -148,7 +148,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
     let normal = Normal::new(100.0_f32, 30.0).unwrap();
     let objects = ndarray::Array3::from_shape_simple_fn((400, 27, 27), || normal.sample(&mut random).max(0.0));
     lenslet_studio::formats::write_array(&path, objects.view()).unwrap();
-    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+    let options = ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() };
     let set = ObjectSet::open(&ObjectSource::Stack(path), &options).unwrap();
     let forward = forward_model(&set);
     let settings = IdealSettings {
@@ -368,7 +368,10 @@ fn a_mask_or_setting_that_allows_no_run_is_told() {
     assert!(error.contains("noise"), "{error}");
     let error = IdealOptimizer::new(&silent, &two(), Limits::default(), up_the_posterior()).err().unwrap().to_string();
     assert!(error.contains("without noise"), "{error}");
-    let spread = ObjectSet::open(&"beads:1".parse().unwrap(), &ObjectOptions { field: (27, 27), mean_photons: 100.0 });
+    let spread = ObjectSet::open(
+        &"beads:1".parse().unwrap(),
+        &ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() },
+    );
     let (known, spread) = (up_the_posterior(), spread.unwrap());
     let full = self::forward_model(&spread);
     let of_unknown = IdealOptimizer::new(&full, &two(), Limits::default(), known).err().unwrap().to_string();

@@ -24,6 +24,8 @@ fn comparison_of_another_result_is_renamed() {
         mean_photons: 100.0,
         bias_photons: 10.0,
         seed: 1,
+        field: (96, 96),
+        placement: crate::objects::Placement::Scaled,
     };
     let score = |lenslets| {
         let mut study = open_score(settings(lenslets), run.path()).unwrap();

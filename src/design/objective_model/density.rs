@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn value_can_be_cancelled() {
-        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
         let start = LensletArray::new(12, 12, vec![Lenslet::round(5.0, 5.0, 1.0, 1.0)]);

@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn gains_by_parts_are_those_of_all_scenes() {
-        let options = ObjectOptions { field: (47, 47), mean_photons: 100.0 };
+        let options = ObjectOptions { field: (47, 47), mean_photons: 100.0, ..ObjectOptions::default() };
         let set = ObjectSet::open(&"beads:0.02".parse().unwrap(), &options).unwrap();
         let forward = ForwardModel::new(set.clone(), (32, 32), 10.0, Noise::Shot).unwrap();
         let mask = heuristic_layout(3);

@@ -73,7 +73,11 @@ mod tests {
         let axes = [16_u32, 20, 20].into_iter().flat_map(u32::to_be_bytes);
         let pixels = (0..16 * 400_u32).map(|index| (index * 7919 % 200) as u8);
         std::fs::write(&path, [0, 0, 8, 3].into_iter().chain(axes).chain(pixels).collect::<Vec<u8>>()).unwrap();
-        ObjectSet::open(&ObjectSource::Idx(path), &ObjectOptions { field, mean_photons: 50.0 }).unwrap()
+        ObjectSet::open(
+            &ObjectSource::Idx(path),
+            &ObjectOptions { field, mean_photons: 50.0, ..ObjectOptions::default() },
+        )
+        .unwrap()
     }
 
     #[test]

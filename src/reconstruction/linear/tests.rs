@@ -231,7 +231,8 @@ fn other_fields_shapes_and_values_are_refused() {
 #[test]
 fn beads_are_estimated_as_by_the_dense_matrices() {
     let field = (12, 14);
-    let options = crate::objects::ObjectOptions { field, mean_photons: 60.0 };
+    let options =
+        crate::objects::ObjectOptions { field, mean_photons: 60.0, ..crate::objects::ObjectOptions::default() };
     let set = crate::objects::ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
     let beads = set.bead_prior().unwrap();
     let sites = field.0 * field.1;
@@ -263,7 +264,11 @@ fn beads_are_estimated_as_by_the_dense_matrices() {
 /// Less noise makes no estimate worse, down to a sensor without any.
 #[test]
 fn estimates_get_better_with_less_noise() {
-    let options = crate::objects::ObjectOptions { field: (40, 44), mean_photons: 60.0 };
+    let options = crate::objects::ObjectOptions {
+        field: (40, 44),
+        mean_photons: 60.0,
+        ..crate::objects::ObjectOptions::default()
+    };
     let set = crate::objects::ObjectSet::open(&"beads:0.03".parse().unwrap(), &options).unwrap();
     let prior = Arc::new(Prior::learn(&set, Light::Scene, &CancelToken::new()).unwrap());
     let mse = |noise| {
@@ -281,7 +286,11 @@ fn estimates_get_better_with_less_noise() {
 /// Beads: the mean thins out at the border, and the estimate is that of independent sites.
 #[test]
 fn beads_have_their_mean_and_their_expected_error() {
-    let options = crate::objects::ObjectOptions { field: (40, 44), mean_photons: 60.0 };
+    let options = crate::objects::ObjectOptions {
+        field: (40, 44),
+        mean_photons: 60.0,
+        ..crate::objects::ObjectOptions::default()
+    };
     let set = crate::objects::ObjectSet::open(&"beads:0.03".parse().unwrap(), &options).unwrap();
     let prior = Prior::learn(&set, Light::Scene, &CancelToken::new()).unwrap();
     let mean = prior.mean().mapv(f64::from);

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{DocumentKind, FormatError, Mismatch, read_json, write_json};
 use crate::information::{BoundMethod, Estimate, NUMBERS_VERSION, PairedDifference};
-use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::studies::comparison::settings::{PlannedCell, StudySettings, patch_name};
 use crate::studies::comparison::summary::StudySummary;
 use crate::studies::error::StudyError;
@@ -162,7 +162,7 @@ impl StudyRecord {
         let summary = StudySummary::of(&settings, &[]);
         Self {
             format: STUDY.format.into(),
-            format_version: mask_document_version(settings.designs.iter().map(|design| design.encoder.throughput())),
+            format_version: settings.document_version(),
             program_version: NUMBERS_VERSION.into(),
             settings,
             notices: Vec::new(),

@@ -7,9 +7,9 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
-use crate::forward::Design;
+use crate::forward::{Design, is_published_field, is_usual_placement, published_field};
 use crate::information::{EngineChoice, Estimator, NoiseEntropy, Protocol};
-use crate::objects::ObjectSource;
+use crate::objects::{ObjectSource, Placement};
 use crate::optics::{Encoder, heuristic_layout};
 use crate::sensor::Noise;
 use crate::studies::error::StudyError;
@@ -122,6 +122,12 @@ pub struct StudySettings {
     pub bias_photons: f64,
     /// Seed of objects, noise, patches and fits.
     pub seed: u64,
+    /// Rows and columns of the objects in pixels; 96 x 96 where absent.
+    #[serde(default = "published_field", skip_serializing_if = "is_published_field")]
+    pub field: (usize, usize),
+    /// How whole images get the size of the field; scaled where absent.
+    #[serde(default, skip_serializing_if = "is_usual_placement")]
+    pub placement: Placement,
 }
 
 impl StudySettings {
@@ -161,8 +167,16 @@ impl StudySettings {
             bias_photons: self.bias_photons,
             noise: self.noise,
             seed: self.seed,
+            field: self.field,
+            placement: self.placement,
             ..Design::default()
         }
+    }
+
+    /// Version of a document that holds these settings; see [`Design::document_version`].
+    pub(super) fn document_version(&self) -> u64 {
+        let cells = self.plan();
+        cells.iter().map(|cell| self.design(cell.objects, cell.design).document_version()).max().unwrap_or(1)
     }
 
     /// The request of a cell.
@@ -211,6 +225,8 @@ impl StudySettings {
             ("mean photons per pixel", self.mean_photons.to_string()),
             ("background photons per pixel", self.bias_photons.to_string()),
             ("seed", self.seed.to_string()),
+            ("field of the objects", format!("{} x {} px", self.field.0, self.field.1)),
+            ("placement of whole images", self.placement.to_string()),
         ]
     }
 
@@ -271,7 +287,7 @@ fn joined(names: impl Iterator<Item = String>) -> String {
 impl StudySettings {
     /// The published grid: five heuristic layouts imaging beads of four densities, shot noise, patches of 32 x 32 px.
     pub(in crate::studies) fn grid() -> Self {
-        let Design { mean_photons, bias_photons, noise, seed, .. } = Design::default();
+        let Design { mean_photons, bias_photons, noise, seed, field, placement, .. } = Design::default();
         let beads = |&density: &f64| StudyObjects::new(ObjectSource::Beads { density }, None);
         Self {
             kind: StudyKind::Grid,
@@ -287,6 +303,8 @@ impl StudySettings {
             mean_photons,
             bias_photons,
             seed,
+            field,
+            placement,
         }
     }
 }

@@ -8,7 +8,7 @@ use super::published::published_psnr_db;
 use super::settings::{DecoderStudySettings, PlannedCell};
 use crate::formats::{DocumentKind, FormatError, read_json, write_json};
 use crate::information::{Estimate, NUMBERS_VERSION};
-use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::reconstruction::{DecoderKind, DecoderQuality};
 use crate::studies::error::StudyError;
 use crate::studies::machine::Machine;
@@ -130,7 +130,7 @@ impl DecoderStudyRecord {
     pub(super) fn new(settings: DecoderStudySettings) -> Self {
         Self {
             format: STUDY.format.into(),
-            format_version: mask_document_version(settings.designs.iter().map(|design| design.encoder.throughput())),
+            format_version: settings.document_version(),
             program_version: NUMBERS_VERSION.into(),
             settings,
             cells: Vec::new(),

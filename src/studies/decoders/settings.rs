@@ -102,6 +102,11 @@ impl DecoderStudySettings {
         Ok(())
     }
 
+    /// Version of a document that holds these settings.
+    pub(super) fn document_version(&self) -> u64 {
+        self.designs.iter().map(|design| design.encoder.document_version()).max().unwrap_or(1)
+    }
+
     /// The design of a cell, in the light of the protocol.
     pub(super) fn design(&self, objects: &StudyObjects, design: &StudyDesign) -> Design {
         let bias_photons = if self.protocol == Protocol::Paper { 0.0 } else { self.bias_photons };

@@ -135,7 +135,7 @@ impl Series {
 /// The published value of a cell, where there is one for exactly these settings.
 pub fn published_value(cell: &CellSettings) -> Option<Published> {
     let StudyMask::Given(source @ MaskSource::Heuristic(_)) = &cell.mask else { return None };
-    let encoder = source.mask(cell.seed, &cell.objects).ok()?.encoder;
+    let encoder = source.mask(cell.seed, &cell.objects, None).ok()?.encoder;
     published(&cell.design(encoder), cell.published_as, cell.patch.shape())
 }
 

@@ -194,7 +194,7 @@ fn compute(
     report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
 ) -> Result<Computed, CellError> {
     let cell = &folder.cells()[index];
-    let opened = cell.mask.source().mask(cell.seed, &cell.objects)?;
+    let opened = cell.mask.source().mask(cell.seed, &cell.objects, None)?;
     let start = opened.encoder;
     let encoder = match &cell.mask {
         StudyMask::Given(_) => start,
@@ -310,7 +310,7 @@ impl Fingerprints {
             settings
                 .mask
                 .source()
-                .mask(settings.seed, &settings.objects)
+                .mask(settings.seed, &settings.objects, None)
                 .ok()
                 .map(|mask| content_key(&json_of(&mask.encoder)))
         };

@@ -81,7 +81,8 @@ impl State {
 
     /// Replaces the mask by a preset.
     pub fn put_preset(&mut self, preset: Preset) {
-        let seed = self.session.design().seed;
+        let design = self.session.design();
+        let (seed, (rows, cols)) = (design.seed, design.encoder.grid());
         let (name, encoder) = match preset {
             Preset::Heuristic(count) => {
                 (counted(count, "heuristic lenslet"), Encoder::Lenslets(heuristic_layout(count)))
@@ -98,6 +99,8 @@ impl State {
                 Encoder::Diffuser(Diffuser::behind_aperture(aperture_px, seed)),
             ),
         };
+        // The sensor keeps its size.
+        let Some(encoder) = encoder.on_grid(rows, cols) else { return };
         self.send(&Command::ReplaceEncoder { name, encoder });
     }
 

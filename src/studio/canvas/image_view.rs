@@ -117,7 +117,7 @@ impl ImageView {
             unit,
             colormap,
             viewport: Viewport::default(),
-            pixel: PixelSize { width: 1.0, unit: "px" },
+            pixel: PixelSize::of_sensor(None),
             region: None,
             texture: None,
             drawn: None,

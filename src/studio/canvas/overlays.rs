@@ -72,6 +72,23 @@ pub struct PixelSize {
     pub width: f64,
     /// The unit.
     pub unit: &'static str,
+    /// Micrometres per `unit`, which a scale bar then shows, too.
+    pub pitch_um: Option<f64>,
+}
+
+impl PixelSize {
+    /// A pixel of a sensor of this pitch in micrometres, if it is known.
+    pub fn of_sensor(pitch_um: Option<f64>) -> Self {
+        Self { width: 1.0, unit: "px", pitch_um }
+    }
+
+    /// A spatial frequency of `width` cycles per pixel of such a sensor: cycles per millimetre where the pitch is known.
+    pub fn of_frequency(width: f64, pitch_um: Option<f64>) -> Self {
+        match pitch_um {
+            None => Self { width, unit: "cycles/px", pitch_um: None },
+            Some(pitch) => Self { width: width * 1000.0 / pitch, unit: "cycles/mm", pitch_um: None },
+        }
+    }
 }
 
 /// A scale bar.
@@ -86,13 +103,15 @@ pub struct ScaleBar {
 /// Scale bar of an image `room` points wide, with `scale` points per pixel. Lengths in pixels are whole numbers; none if not
 /// even one pixel fits.
 pub fn scale_bar_length(room: f32, scale: f32, pixel: PixelSize) -> Option<ScaleBar> {
-    let PixelSize { width: per_pixel, unit } = pixel;
+    let PixelSize { width: per_pixel, unit, pitch_um } = pixel;
     let units_in = |points: f32| f64::from(points) * per_pixel / f64::from(scale);
     let length = round_length(units_in(LONGEST_BAR.min(LONGEST_SHARE * room)))
         .filter(|length| unit != "px" || *length >= 1.0)
         // One pixel is the minimum.
         .or_else(|| (unit == "px" && scale <= 0.8 * room).then_some(1.0))?;
-    Some(ScaleBar { length: (length / per_pixel) as f32 * scale, text: format!("{} {unit}", tidy(length)) })
+    let physical =
+        pitch_um.map_or_else(String::new, |pitch| format!(", {} \u{b5}m", format_significant(length * pitch)));
+    Some(ScaleBar { length: (length / per_pixel) as f32 * scale, text: format!("{} {unit}{physical}", tidy(length)) })
 }
 
 /// A number without trailing zeros.
@@ -182,7 +201,7 @@ mod tests {
 
     #[test]
     fn scale_bars_are_round_and_fit() {
-        let px = PixelSize { width: 1.0, unit: "px" };
+        let px = PixelSize::of_sensor(None);
         let bar = |length: f32, text: &str| Some(ScaleBar { length, text: text.into() });
         assert_eq!(scale_bar_length(290.0, 3.0, px), bar(60.0, "20 px"));
         assert_eq!(scale_bar_length(290.0, 12.0, px), bar(60.0, "5 px"));
@@ -190,10 +209,13 @@ mod tests {
         assert_eq!(scale_bar_length(290.0, 150.0, px), bar(150.0, "1 px"));
         assert_eq!(scale_bar_length(100.0, 150.0, px), None);
         // 32 frequencies of 1/32 cycle per pixel.
-        let frequency = PixelSize { width: 1.0 / 32.0, unit: "cycles/px" };
+        let frequency = PixelSize::of_frequency(1.0 / 32.0, None);
         let ScaleBar { length, text } = scale_bar_length(320.0, 10.0, frequency).unwrap();
         assert_eq!(text, "0.2 cycles/px");
         assert!((length - 64.0).abs() < 1e-3);
+        let text = |pixel| scale_bar_length(290.0, 3.0, pixel).unwrap().text;
+        assert_eq!(text(PixelSize::of_sensor(Some(3.45))), "20 px, 69 \u{b5}m");
+        assert_eq!(PixelSize::of_frequency(0.5, Some(4.0)).width, 125.0);
     }
 
     #[test]

@@ -11,6 +11,7 @@ use egui::{Color32, Key, PointerButton, Pos2, Rect, Sense, Stroke, Ui, Vec2, vec
 
 use crate::optics::{Encoder, Lenslet, LensletArray};
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion, Shown};
+use crate::studio::canvas::overlays::PixelSize;
 use crate::studio::canvas::pan_zoom::{CLICK_REACH, PointerMode, is_panning, zoomed_by_keys};
 use crate::studio::panels::parts::action_entry;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
@@ -89,6 +90,7 @@ pub fn show(
     let image = optics.value.image.view();
     let version = ImageVersion { revision: optics.revision, index: 0 };
     let content = ImageContent { values: image, version, is_stale: !is_current };
+    panel.psf.set_pixel(PixelSize::of_sensor(view.design.pixel_pitch_um));
     let shown = panel.psf.show(ui, view.palettes, content, PointerMode::Edit);
     let placement = shown.placement;
     if !panel.psf.viewport.is_fitted() {

@@ -52,7 +52,7 @@ pub fn show(ui: &mut Ui, state: &mut MtfState, view: &View<'_>, requests: &mut V
         }
     });
     match state.mode {
-        MtfMode::Cuts => cuts(ui, mtf),
+        MtfMode::Cuts => cuts(ui, mtf, view.design.pixel_pitch_um),
         MtfMode::Map => show_map(ui, &mut state.image, optics, view, requests),
         MtfMode::Spectrum => spectrum_plot::show(ui, view, requests),
     }
@@ -68,7 +68,8 @@ fn show_map(
     let is_current = view.is_current(optics.revision);
     let image = optics.value.mtf.map.view();
     let (rows, cols) = image.dim();
-    map.set_pixel(PixelSize { width: 1.0 / cols.max(1) as f64, unit: "cycles/px" });
+    let pitch = view.design.pixel_pitch_um;
+    map.set_pixel(PixelSize::of_frequency(1.0 / cols.max(1) as f64, pitch));
     let version = ImageVersion { revision: optics.revision, index: 0 };
     let content = ImageContent { values: image, version, is_stale: !is_current };
     let shown = map.show(ui, view.palettes, content, PointerMode::View);
@@ -77,26 +78,37 @@ fn show_map(
         if let Some(&value) = image.get((y.round().max(0.0) as usize, x.round().max(0.0) as usize)) {
             let by_x = (x.round() - (cols / 2) as f64) / cols as f64;
             let by_y = (y.round() - (rows / 2) as f64) / rows as f64;
-            requests.push(Request::Describe(format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}")));
+            let text = match pitch {
+                None => format!("MTF  fx {by_x:.3}, fy {by_y:.3} cycles/px: {value:.3}"),
+                Some(pitch) => {
+                    let [by_x, by_y] =
+                        [by_x, by_y].map(|frequency| PixelSize::of_frequency(frequency, Some(pitch)).width);
+                    format!("MTF  fx {by_x:.1}, fy {by_y:.1} cycles/mm: {value:.3}")
+                }
+            };
+            requests.push(Request::Describe(text));
         }
     }
     let menu = MenuImage { image, is_current, shown: &shown };
     image_menu::show(ui, map, &menu, requests, |_, _, _| {});
 }
 
-fn cuts(ui: &mut Ui, mtf: &Mtf) {
+fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>) {
+    let unit = PixelSize::of_frequency(1.0, pitch_um).width;
+    let line =
+        |cut: &[[f64; 2]]| PlotPoints::from_iter(cut.iter().map(|&[frequency, value]| [frequency * unit, value]));
     Plot::new("MTF cuts")
         .legend(Legend::default().position(Corner::RightTop))
         .include_y(0.0)
         .include_y(1.0)
         .include_x(0.0)
-        .include_x(0.5)
+        .include_x(0.5 * unit)
         .allow_scroll(false)
-        .x_axis_label("cycles per pixel")
+        .x_axis_label(if pitch_um.is_some() { "cycles per millimetre" } else { "cycles per pixel" })
         .y_axis_label("modulation")
         .show(ui, |plot| {
-            plot.line(Line::new("horizontal", PlotPoints::from(mtf.horizontal.clone())).width(2.0));
-            plot.line(Line::new("vertical", PlotPoints::from(mtf.vertical.clone())).width(2.0));
+            plot.line(Line::new("horizontal", line(&mtf.horizontal)).width(2.0));
+            plot.line(Line::new("vertical", line(&mtf.vertical)).width(2.0));
         });
 }
 

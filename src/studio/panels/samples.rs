@@ -6,6 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
+use crate::studio::canvas::overlays::PixelSize;
 use crate::studio::canvas::pan_zoom::PointerMode;
 use crate::studio::panels::parts::image_menu::{self, MenuImage};
 use crate::studio::panels::parts::{information_overlay, linked_cursor};
@@ -59,6 +60,7 @@ pub fn show_measurement(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>
     let image = measurement_of(&measurements.value, samples.shown);
     let version = ImageVersion { revision: measurements.revision, index: 2 * index + usize::from(noisy) };
     let content = ImageContent { values: image, version, is_stale: !is_current };
+    samples.measurement.set_pixel(PixelSize::of_sensor(view.design.pixel_pitch_um));
     let shown = samples.measurement.show(ui, view.palettes, content, PointerMode::View);
     let value = linked_cursor::update(ui, samples, view, Side::Measurement, &shown, image);
     requests.push(Request::Inspect);

@@ -3,7 +3,8 @@
 use egui::Ui;
 
 use crate::forward::Design;
-use crate::objects::ObjectSource;
+use crate::objects::{ObjectSource, Placement};
+use crate::optics::{Diffuser, Encoder};
 use crate::sensor::Noise;
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
@@ -13,10 +14,16 @@ use crate::studio::widgets::format::format_significant;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::Command;
 
+/// Pixel pitch that is shown first, micrometres: that of common machine-vision sensors.
+const USUAL_PITCH_UM: f64 = 3.45;
+
 /// Shows the settings.
 pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
         objects(ui, view, requests);
+        ui.add_space(6.0);
+        ui.separator();
+        sizes(ui, view.design, requests);
         ui.add_space(6.0);
         ui.separator();
         sensor(ui, view.design, requests);
@@ -124,6 +131,86 @@ fn objects(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     } else if let Some(failure) = view.failure() {
         ui.colored_label(ui.visuals().error_fg_color, failure);
     }
+}
+
+/// Sizes of objects and PSF in pixels, and of a pixel.
+fn sizes(ui: &mut Ui, design: &Design, requests: &mut Vec<Request>) {
+    ui.strong("Sizes");
+    ui.add_space(2.0);
+    let (grid, most) = (design.encoder.grid(), Design::MAX_FIELD);
+    let is_stack = matches!(design.objects, ObjectSource::Stack(_));
+    labelled(ui, "Field", |ui| {
+        if is_stack {
+            ui.weak("that of the file");
+            return;
+        }
+        let (rows, cols) = design.field;
+        let side = |ui: &mut Ui, name: &str, least: usize, value: usize| {
+            NumberField::whole(name, least..=most).show(ui, value as f64).1
+        };
+        if let Some(edit) = side(ui, "Field rows", grid.0, rows) {
+            requests.push(Request::ChangeBy(edit, Command::SetField((edit.value as usize, cols))));
+        }
+        ui.weak("x");
+        if let Some(edit) = side(ui, "Field columns", grid.1, cols) {
+            requests.push(Request::ChangeBy(edit, Command::SetField((rows, edit.value as usize))));
+        }
+        ui.weak("px").on_hover_text("Rows and columns of the objects");
+    });
+    if matches!(design.objects, ObjectSource::Images(_)) {
+        labelled(ui, "Images", |ui| {
+            for (text, placement) in
+                [("Scaled", Placement::Scaled), ("Tiled", Placement::Tiled), ("Cropped", Placement::Cropped)]
+            {
+                let response = ui.selectable_label(design.placement == placement, text);
+                name_widget(&response, &format!("{text} images"));
+                if response.on_hover_text("How images larger than half the field get its size").clicked() {
+                    requests.push(Request::Change(Command::SetPlacement(placement)));
+                }
+            }
+        });
+    }
+    labelled(ui, "PSF grid", |ui| {
+        let least = match &design.encoder {
+            Encoder::Lenslets(_) => 1,
+            Encoder::Diffuser(_) => *Diffuser::GRIDS.start(),
+            Encoder::Image(_) => {
+                ui.weak(format!("{} x {} px, that of the image", grid.0, grid.1));
+                return;
+            }
+        };
+        let most = if is_stack { most } else { most.min(design.field.0).min(design.field.1) };
+        let field = NumberField::whole("PSF grid", least..=most.max(least));
+        if let Some(edit) = field.show(ui, grid.0 as f64).1 {
+            requests.push(Request::ChangeBy(edit, Command::SetGrid(edit.value as usize)));
+        }
+        ui.weak(format!("x {} px", grid.1))
+            .on_hover_text("Lenslets keep their share of the grid, and their width in pixels");
+    });
+    labelled(ui, "Pixel pitch", |ui| {
+        let mut is_known = design.pixel_pitch_um.is_some();
+        let known = ui.checkbox(&mut is_known, "").on_hover_text("Shows physical scales of sensor, PSF and MTF");
+        name_widget(&known, "Known pixel pitch");
+        if known.clicked() {
+            requests.push(Request::Change(Command::SetPixelPitch(is_known.then_some(USUAL_PITCH_UM))));
+        }
+        let Some(pitch) = design.pixel_pitch_um else {
+            ui.weak("not known");
+            return;
+        };
+        let field = NumberField::new("Pixel pitch", Design::PIXEL_PITCHES).speed(0.01).decimals(4);
+        if let Some(edit) = field.show(ui, pitch).1 {
+            requests.push(Request::ChangeBy(edit, Command::SetPixelPitch(Some(edit.value))));
+        }
+        let (rows, cols) =
+            (design.field.0 + 1 - grid.0.min(design.field.0), design.field.1 + 1 - grid.1.min(design.field.1));
+        if is_stack {
+            ui.weak("\u{b5}m");
+        } else {
+            let side = |pixels: usize| format_significant(pixels as f64 * pitch / 1000.0);
+            ui.weak(format!("\u{b5}m, sensor {} x {} mm", side(rows), side(cols)));
+        }
+    });
 }
 
 fn sensor(ui: &mut Ui, design: &Design, requests: &mut Vec<Request>) {

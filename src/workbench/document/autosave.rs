@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
-use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::workbench::background::threads::{Wake, lock};
 
 /// Least time between two writings.
@@ -151,7 +151,7 @@ fn content(design: &Design, path: Option<PathBuf>) -> Option<Vec<u8>> {
     // JSON holds Unicode alone: a design with another path is saved without it.
     let path = path.filter(|path| path.to_str().is_some());
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
-    let kind = UNSAVED_DESIGN.at_version(mask_document_version([design.encoder.throughput()]));
+    let kind = UNSAVED_DESIGN.at_version(design.document_version());
     serde_json::to_vec_pretty(&kind.marked(&Kept { design, path, seconds })).ok()
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use crate::forward::{Design, DesignError};
-use crate::objects::ObjectSource;
+use crate::objects::{ObjectSource, Placement};
 use crate::optics::{Encoder, Lenslet, LensletArray, Limits};
 use crate::plural::counted;
 use crate::sensor::Noise;
@@ -52,6 +52,14 @@ pub enum Command {
     SetSeed(u64),
     /// Changes the manufacturing limits.
     SetLimits(Limits),
+    /// Images objects of another size, (rows, cols) in pixels.
+    SetField((usize, usize)),
+    /// Brings whole images to the size of the field in another way.
+    SetPlacement(Placement),
+    /// Puts the mask on a square PSF grid of this side in pixels. Positions scale with the grid, widths do not.
+    SetGrid(usize),
+    /// Sets or removes the pitch of the sensor's pixels, micrometres.
+    SetPixelPitch(Option<f64>),
 }
 
 /// The parameter that a gesture on lenslets changes.
@@ -81,6 +89,9 @@ pub enum CommandError {
         /// Number of lenslets in the array.
         count: usize,
     },
+    /// The pixels of the mask are given.
+    #[error("the PSF grid of {0} is that of its image; resample the image when it is imported")]
+    GivenGrid(String),
     /// The mask on view is one of the run, and the open design has changed since the run was started.
     #[error(
         "a mask of the run is shown, and the design has changed since the run was started; open the mask as a design of its \
@@ -117,14 +128,23 @@ impl Command {
             Self::SetNoise(noise) => format!("Set noise to {noise}"),
             Self::SetSeed(seed) => format!("Set seed to {seed}"),
             Self::SetLimits(_) => "Change limits".into(),
+            Self::SetField((rows, cols)) => format!("Set field to {rows} x {cols} px"),
+            Self::SetPlacement(placement) => format!("Use {placement} images"),
+            Self::SetGrid(side) => format!("Set PSF grid to {side} px"),
+            Self::SetPixelPitch(Some(pitch)) => format!("Set pixel pitch to {pitch} \u{b5}m"),
+            Self::SetPixelPitch(None) => "Remove pixel pitch".into(),
         }
     }
 
-    /// Whether the command edits the mask: lenslets or throughput.
+    /// Whether the command edits the mask: lenslets, throughput or grid.
     pub fn edits_mask(&self) -> bool {
         matches!(
             self,
-            Self::AddLenslet(_) | Self::DeleteLenslets(_) | Self::ChangeLenslets { .. } | Self::SetThroughput(_)
+            Self::AddLenslet(_)
+                | Self::DeleteLenslets(_)
+                | Self::ChangeLenslets { .. }
+                | Self::SetThroughput(_)
+                | Self::SetGrid(_)
         )
     }
 
@@ -155,6 +175,10 @@ impl Command {
             Self::SetNoise(_) => "noise".into(),
             Self::SetSeed(_) => "seed".into(),
             Self::SetLimits(_) => "limits".into(),
+            Self::SetField(_) => "field".into(),
+            Self::SetPlacement(_) => "placement".into(),
+            Self::SetGrid(_) => "grid".into(),
+            Self::SetPixelPitch(_) => "pixel pitch".into(),
         })
     }
 
@@ -193,6 +217,13 @@ impl Command {
             Self::SetNoise(noise) => changed.noise = *noise,
             Self::SetSeed(seed) => changed.seed = *seed,
             Self::SetLimits(limits) => changed.limits = *limits,
+            Self::SetField(field) => changed.field = *field,
+            Self::SetPlacement(placement) => changed.placement = *placement,
+            Self::SetGrid(side) => {
+                let given = || CommandError::GivenGrid(design.encoder.describe());
+                changed.encoder = changed.encoder.on_grid(*side, *side).ok_or_else(given)?;
+            }
+            Self::SetPixelPitch(pitch) => changed.pixel_pitch_um = *pitch,
         }
         changed.check()?;
         Ok(changed)
@@ -223,6 +254,25 @@ mod tests {
         let after = Command::DeleteLenslets(vec![7, 0, 3]).applied_to(&design).unwrap();
         let expected: Vec<_> = [1, 2, 4, 5, 6, 8].map(|index| before[index]).to_vec();
         assert_eq!(after.encoder.lenslets().unwrap().lenslets, expected);
+    }
+
+    #[test]
+    fn another_grid_scales_positions_and_must_fit_the_field() {
+        let design = Design::default();
+        let refused = Command::SetGrid(97).applied_to(&design).unwrap_err().to_string();
+        assert!(
+            refused.starts_with("the field of the objects is 96 x 96 px; expected at least the 97 x 97 px"),
+            "{refused}"
+        );
+        let large = Command::SetField((192, 200)).applied_to(&design).unwrap();
+        let scaled = Command::SetGrid(64).applied_to(&large).unwrap();
+        let of = |design: &Design| design.encoder.lenslets().unwrap().lenslets[0];
+        assert_eq!((of(&design).x, of(&scaled).x, of(&scaled).spot), (16.0, 32.5, of(&design).spot));
+        assert_eq!(Command::SetGrid(32).applied_to(&scaled).unwrap(), large);
+        let refused = Command::SetField((60, 200)).applied_to(&scaled).unwrap_err().to_string();
+        assert!(refused.contains("60 x 200 px; expected at least the 64 x 64 px"), "{refused}");
+        let refused = Command::SetField((1025, 200)).applied_to(&scaled).unwrap_err().to_string();
+        assert_eq!(refused, "field rows is 1025 px; expected 1 to 1024 px");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::evaluation::request::EstimateRequest;
 use crate::formats::{DocumentFolder, DocumentKind, FormatError, Listed, create_folder, lock_folder};
 use crate::forward::Design;
 use crate::information::{Estimate, NUMBERS_VERSION};
-use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::workbench::live::published::{Live, is_estimate_of};
 
 /// An ordered estimate.
@@ -108,7 +108,7 @@ const WAITING_ORDERS: DocumentKind =
 
 /// The kind in the version that holds the masks of the orders.
 fn written(kind: DocumentKind, orders: &[EstimateOrder]) -> DocumentKind {
-    kind.at_version(mask_document_version(orders.iter().map(|order| order.design.encoder.throughput())))
+    kind.at_version(orders.iter().map(|order| order.design.document_version()).max().unwrap_or(1))
 }
 
 /// The waiting orders, as their file holds them.

@@ -208,13 +208,25 @@ fn patch_name(patch: Option<(usize, usize)>) -> String {
 /// Command for a design; `mask` is its flag for named masks.
 fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Result<String, String> {
     let design = Design { objects: design.objects.absolute(), ..design.clone() };
-    let published = (1..=9).find(|&count| design.encoder == Encoder::Lenslets(heuristic_layout(count)));
-    if let Some(count) = published.filter(|_| design.limits == Design::default().limits) {
+    let usual = Design::default();
+    let (rows, cols) = design.encoder.grid();
+    let layout = |count: usize| Encoder::Lenslets(heuristic_layout(count).on_grid(rows, cols));
+    let published = (1..=9).find(|&count| rows == cols && design.encoder == layout(count));
+    if let Some(count) = published.filter(|_| design.limits == usual.limits) {
         let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &design;
-        let scene = format!(
+        let mut scene = format!(
             "--objects {} --mean-photons {mean_photons} --bias {bias_photons} --noise {noise} --seed {seed}",
             quoted(&objects.to_string())
         );
+        if design.encoder.grid() != usual.encoder.grid() {
+            scene += &format!(" --grid {rows}");
+        }
+        if design.field != usual.field {
+            scene += &format!(" --field {}x{}", design.field.0, design.field.1);
+        }
+        if design.placement != usual.placement {
+            scene += &format!(" --placement {}", design.placement);
+        }
         return Ok(format!("lenslet-studio {command} {mask} heuristic:{count} {scene} {flags}"));
     }
     let text = design.to_json().map_err(|error| error.to_string())?;

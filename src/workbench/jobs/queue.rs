@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::evaluation::scene::{EvaluationError, Scene};
+use crate::evaluation::scene::EvaluationError;
 use crate::forward::Design;
 use crate::progress::CancelToken;
 use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
@@ -93,7 +93,7 @@ impl JobQueue {
     /// an inspection.
     pub fn evaluate(&mut self, wanted: Wanted) {
         match &self.running {
-            Some((Running::Evaluation(design), cancel)) if !Scene::same_objects(design, &wanted.design) => {
+            Some((Running::Evaluation(design), cancel)) if !design.has_objects_of(&wanted.design) => {
                 cancel.cancel();
             }
             Some((Running::Inspection, cancel)) => cancel.cancel(),
@@ -176,7 +176,7 @@ impl JobQueue {
                 return;
             }
             // A waiting edit would restart what was just stopped.
-            let restarts = |newer: &mut Wanted| Scene::same_objects(&wanted.design, &newer.design);
+            let restarts = |newer: &mut Wanted| wanted.design.has_objects_of(&newer.design);
             newest = self.evaluation.take_if(restarts).map_or(newest, |newer| newer.revision);
         }
         self.live.failure = Some((newest, error.to_string()));

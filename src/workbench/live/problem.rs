@@ -88,7 +88,7 @@ impl<'a> LiveProblem<'a> {
     fn channel_through(&self, other: &Design) -> Option<BeadChannel> {
         let (own, noise) = (self.design, self.channel.as_ref()?.noise);
         let is_seen_alike = (other.noise, other.bias_photons) == (noise, own.bias_photons);
-        let is_alike = Scene::same_objects(own, other) && is_seen_alike && other.encoder.grid() == own.encoder.grid();
+        let is_alike = own.has_objects_of(other) && is_seen_alike && other.encoder.grid() == own.encoder.grid();
         if !is_alike || other.encoder == own.encoder {
             return None;
         }

@@ -11,7 +11,7 @@ use crate::formats::{DocumentKind, FormatError, content_key, create_folder, json
 use crate::forward::Design;
 use crate::information::{Bracket, CausalStart, NUMBERS_VERSION, NamedBound, PairedDifference};
 use crate::objects::ReadProgress;
-use crate::optics::{Encoder, MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::{Encoder, MASK_DOCUMENT_VERSION};
 use crate::progress::Progress;
 use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe};
 use crate::workbench::live::estimator::repeated;
@@ -106,10 +106,10 @@ impl LiveRecord {
     /// The record of an estimate of a design before a scene.
     pub fn new(design: &Design, scene: &Scene, live: &LiveEstimate) -> Self {
         let before = live.before.as_ref().map(|before| before.encoder.clone());
-        let masks = before.iter().chain([&design.encoder]);
+        let version_before = before.as_ref().map_or(1, Encoder::document_version);
         Self {
             format: LIVE_ESTIMATE.format.to_owned(),
-            format_version: mask_document_version(masks.map(Encoder::throughput)),
+            format_version: design.document_version().max(version_before),
             program_version: NUMBERS_VERSION.to_owned(),
             design: Design { objects: design.objects.absolute(), ..design.clone() },
             objects_fingerprint: scene.set.fingerprint(),

@@ -6,7 +6,6 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::design::{Checkpoint, IdealEvent, IdealSettings, IdealState, Objective};
-use crate::evaluation::scene::Scene;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::forward::Design;
 use crate::information::{BoundMethod, EngineChoice, Estimate, Estimator, NUMBERS_VERSION, NamedBound, Protocol};
@@ -248,7 +247,7 @@ impl DesignRun {
     pub fn bounds_of(&self, design: &Design, patch: Option<(usize, usize)>) -> Option<RunBounds> {
         let start = &self.start;
         let is_seen_alike = (start.bias_photons, start.noise) == (design.bias_photons, design.noise);
-        if self.settings.patch != patch || !Scene::same_objects(start, design) || !is_seen_alike {
+        if self.settings.patch != patch || !start.has_objects_of(design) || !is_seen_alike {
             return None;
         }
         let array = design.encoder.lenslets()?;
@@ -302,16 +301,22 @@ pub struct Start {
     pub design: Arc<Design>,
 }
 
+/// A layout on the PSF grid of a design, with its throughput.
+fn on_grid_of(design: &Design, layout: LensletArray) -> Encoder {
+    let (rows, cols) = design.encoder.grid();
+    Encoder::Lenslets(layout.on_grid(rows, cols)).with_throughput(design.encoder.throughput())
+}
+
 impl Start {
-    /// The design with `count` random lenslets and its own throughput.
+    /// The design with `count` random lenslets, its own PSF grid and its own throughput.
     pub fn random(design: &Design, count: usize, seed: u64) -> Self {
-        let encoder = Encoder::Lenslets(random_layout(count, seed)).with_throughput(design.encoder.throughput());
+        let encoder = on_grid_of(design, random_layout(count, seed));
         Self { name: format!("{count} random, seed {seed}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 
-    /// The design with the published layout of `count` lenslets, 1 to 9, and its own throughput.
+    /// The design with the published layout of `count` lenslets, 1 to 9, its own PSF grid and its own throughput.
     pub fn heuristic(design: &Design, count: usize) -> Self {
-        let encoder = Encoder::Lenslets(heuristic_layout(count)).with_throughput(design.encoder.throughput());
+        let encoder = on_grid_of(design, heuristic_layout(count));
         Self { name: format!("heuristic, {count}"), design: Arc::new(Design { encoder, ..design.clone() }) }
     }
 }

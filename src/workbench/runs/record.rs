@@ -12,7 +12,7 @@ use crate::formats::{DocumentKind, FormatError, write_json};
 use crate::forward::Design;
 use crate::information::{InformationError, NUMBERS_VERSION};
 use crate::objects::ReadProgress;
-use crate::optics::{Encoder, MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::{Encoder, MASK_DOCUMENT_VERSION};
 use crate::progress::Progress;
 use crate::studies::Machine;
 use crate::workbench::Curve;
@@ -60,7 +60,7 @@ impl IdealRecord {
         let state = ideal.state();
         Self {
             format: RUN.format.into(),
-            format_version: mask_document_version([start.encoder.throughput()]),
+            format_version: start.document_version(),
             program_version: NUMBERS_VERSION.into(),
             machine: Machine::here(),
             start: start.clone(),

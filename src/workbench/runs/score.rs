@@ -73,9 +73,7 @@ pub fn score_settings(
     let start = &record.start;
     let forward = ForwardModel::open(start)?;
     let (patch, sensor) = (forward.patch(Some((PATCH, PATCH))), forward.patch(None));
-    // Measurements of heuristic layouts are larger where this grid is larger than theirs.
-    let is_sensor = patch == sensor && start.encoder.grid() == (PATCH, PATCH);
-    let patches = match (is_sensor, sensor.0 * sensor.1 <= MAX_PATCH_PIXELS) {
+    let patches = match (patch == sensor, sensor.0 * sensor.1 <= MAX_PATCH_PIXELS) {
         (true, true) => vec![None],
         (false, true) => vec![Some(patch), None],
         (_, false) => vec![Some(patch)],
@@ -86,7 +84,10 @@ pub fn score_settings(
     let designs = [named(RESULT, &record.result), named(START, &begun)];
     // Masks are compared at the same light.
     let throughput = start.encoder.throughput();
-    let layout = |count| StudyDesign::new(Encoder::Lenslets(heuristic_layout(count)).with_throughput(throughput));
+    let (rows, cols) = start.encoder.grid();
+    let layout = |count| {
+        StudyDesign::new(Encoder::Lenslets(heuristic_layout(count).on_grid(rows, cols)).with_throughput(throughput))
+    };
     Ok(StudySettings {
         kind: StudyKind::Grid,
         objects: vec![StudyObjects::new(start.objects.clone(), None)],
@@ -101,6 +102,8 @@ pub fn score_settings(
         mean_photons: start.mean_photons,
         bias_photons: start.bias_photons,
         seed: start.seed,
+        field: start.field,
+        placement: start.placement,
     })
 }
 

@@ -10,7 +10,7 @@ use crate::evaluation::EvaluationError;
 use crate::formats::{
     DocumentKind, FormatError, check_writable, create_folder, lock_folder, read_if_there, write_safely,
 };
-use crate::optics::{Encoder, LensletArray, MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::{Encoder, LensletArray, MASK_DOCUMENT_VERSION};
 use crate::studies::{STUDY_RECORD, Study, StudyError, StudyRecord, StudySettings};
 use crate::workbench::runs::design_run::{RankedStart, Start};
 use crate::workbench::runs::score::matches_mask;
@@ -159,8 +159,8 @@ impl RunStore {
     /// # Errors
     /// Where the file cannot be written; the queue before then stays.
     pub fn note(&self, order: &RunQueue) -> Result<(), EvaluationError> {
-        let masks = order.starts.iter().map(|start| start.design.encoder.throughput());
-        Ok(RUN_ORDER.at_version(mask_document_version(masks)).write(&self.order(), order)?)
+        let version = order.starts.iter().map(|start| start.design.document_version()).max().unwrap_or(1);
+        Ok(RUN_ORDER.at_version(version).write(&self.order(), order)?)
     }
 
     /// Removes the run with all its files.

@@ -12,10 +12,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::evaluation::scene::Optics;
 use crate::formats::{DocumentFolder, DocumentKind, FileContent, FormatError, create_folder};
-use crate::forward::Design;
+use crate::forward::{Design, is_published_field, is_usual_placement};
 use crate::information::NUMBERS_VERSION;
 use crate::objects::ObjectSource;
-use crate::optics::{MASK_DOCUMENT_VERSION, mask_document_version};
+use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::plural::counted;
 
 pub use numbers::{Bits, LiveResults, SnapshotNumbers, SnapshotReconstruction};
@@ -73,9 +73,14 @@ pub struct FoundSnapshots {
 
 /// Summary of objects, light, noise and seed of a design.
 fn scene_of(design: &Design) -> String {
-    let Design { objects, mean_photons, bias_photons, noise, seed, .. } = design;
+    let Design { objects, mean_photons, bias_photons, noise, seed, field, placement, .. } = design;
     let light = if objects.has_mean() { format!(", mean {}", counted(*mean_photons, "photon")) } else { String::new() };
-    format!("{objects}{light}, background {}, {noise} noise, seed {seed}", counted(*bias_photons, "photon"))
+    let size = if is_published_field(field) { String::new() } else { format!(", {} x {} px", field.0, field.1) };
+    let placed = if is_usual_placement(placement) { String::new() } else { format!(", {placement}") };
+    format!(
+        "{objects}{size}{placed}{light}, background {}, {noise} noise, seed {seed}",
+        counted(*bias_photons, "photon")
+    )
 }
 
 impl Snapshot {
@@ -310,7 +315,7 @@ impl Snapshots {
             let text = move || {
                 let numbers = serde_json::to_value(numbers).ok()?;
                 let program_version = NUMBERS_VERSION.to_owned();
-                let kind = SNAPSHOT.at_version(mask_document_version([design.encoder.throughput()]));
+                let kind = SNAPSHOT.at_version(design.document_version());
                 serde_json::to_vec(&kind.marked(&Kept { name, design, program_version, numbers })).ok()
             };
             changes.push((snapshot.file.clone(), Some(Box::new(text))));

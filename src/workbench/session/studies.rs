@@ -48,7 +48,7 @@ impl Session {
         let cell = &open.folder.cells()[index];
         match &cell.mask {
             StudyMask::Given(source) => {
-                let mask = source.mask(cell.seed, &cell.objects).map_err(|error| error.to_string())?;
+                let mask = source.mask(cell.seed, &cell.objects, None).map_err(|error| error.to_string())?;
                 Ok(cell.design(mask.encoder))
             }
             StudyMask::Ideal { .. } if matches!(open.states[index], CellState::Done(_)) => {

@@ -220,7 +220,7 @@ mod tests {
         let mut bytes: Vec<u8> = vec![0, 0, 8, 3, 0, 0, 0, 12, 0, 0, 0, 32, 0, 0, 0, 32];
         bytes.extend((1..=12).flat_map(|level| [level; 32 * 32]));
         std::fs::write(&path, bytes).unwrap();
-        let options = ObjectOptions { field: (100, 90), mean_photons: 6.5 };
+        let options = ObjectOptions { field: (100, 90), mean_photons: 6.5, ..ObjectOptions::default() };
         ObjectSet::open(&ObjectSource::Idx(path), &options).unwrap()
     }
 
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn independent_patches_of_a_seed_begin_alike() {
-        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0 };
+        let options = ObjectOptions { field: (27, 27), mean_photons: 100.0, ..ObjectOptions::default() };
         let set = ObjectSet::open(&"beads:0.05".parse().unwrap(), &options).unwrap();
         let psf = render_psf(&heuristic_layout(2), 1).unwrap().slice_move(s![.., 8..20, 8..20]);
         let forward = ForwardModel::new(set.clone(), (12, 12), 10.0, Noise::Shot).unwrap();
