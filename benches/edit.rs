@@ -2,12 +2,13 @@
 //! measurements, 32x32 patches).
 
 use std::hint::black_box;
+use std::time::{Duration, Instant};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use lenslet_studio::evaluation::{Optics, Scene, SceneTables};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::{NoiseEntropy, Protocol};
-use lenslet_studio::optics::{Encoder, modulation_transfer, render_psf};
+use lenslet_studio::optics::{Encoder, heuristic_layout, modulation_transfer, render_psf};
 use lenslet_studio::progress::CancelToken;
 use lenslet_studio::sparsity::tamura_of_stack;
 use ndarray::Axis;
@@ -56,5 +57,42 @@ fn edit(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, edit);
+/// The same at larger grids and fields, on two cores: what is recomputed before the first picture, and the whole edit.
+fn by_size(criterion: &mut Criterion) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().expect("two threads");
+    let mut group = criterion.benchmark_group("edit by size, two cores");
+    group.sample_size(10).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
+    for (grid, field) in [(32, 96), (64, 192), (128, 384), (256, 768)] {
+        let encoder = Encoder::Lenslets(heuristic_layout(9).on_grid(grid, grid));
+        let design = Design { encoder, field: (field, field), ..Design::default() };
+        let scene = Scene::open(&design, &mut CancelToken::new()).expect("beads need no file");
+        let started = Instant::now();
+        let prepared = SceneTables::new(&scene, design.encoder.grid()).expect("objects are larger than the PSF");
+        println!("{grid}/{field}: tables of a scene in {:.0} ms", started.elapsed().as_secs_f64() * 1e3);
+        let optics = Optics::of(&design, 1).expect("renders");
+        let measurements = prepared.measure(&design, &optics, &scene).expect("shapes fit");
+        let noise_entropy = NoiseEntropy::new(design.noise, Protocol::Default).expect("shot noise has an entropy");
+        let mut step = |name: &str, run: &mut (dyn FnMut() + Send)| {
+            group.bench_function(format!("{grid}/{field} {name}"), |bencher| pool.install(|| bencher.iter(&mut *run)));
+        };
+        step("PSF and MTF", &mut || {
+            black_box(Optics::of(black_box(&design), 1)).ok();
+        });
+        let count = measurements.noisy.len_of(Axis(0));
+        step(&format!("{count} measurements, Tamura"), &mut || {
+            black_box(prepared.measure(&design, black_box(&optics), &scene)).ok();
+        });
+        step("bounds", &mut || {
+            black_box(prepared.information(&design, black_box(&optics), &scene, &measurements, &noise_entropy)).ok();
+        });
+        step("whole edit", &mut || {
+            let optics = Optics::of(black_box(&design), 1).expect("renders");
+            let measurements = prepared.measure(&design, &optics, &scene).expect("fits");
+            black_box(prepared.information(&design, &optics, &scene, &measurements, &noise_entropy)).ok();
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, edit, by_size);
 criterion_main!(benches);

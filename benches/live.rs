@@ -1,7 +1,7 @@
 //! How the live estimate follows edits: time from an edit to its first number, what it says after 5 s, and where it settles.
 //!
 //! `cargo bench --bench live -- OBJECTS=LENSLETS ...` takes other scenes and heuristic layouts than nine lenslets before beads of
-//! density 0.02, such as `beads:0.11=4` or `idx:FILE=1`.
+//! density 0.02, such as `beads:0.11=4` or `idx:FILE=1`. `beads:0.02=9@64/192` has a PSF grid of 64 px and a field of 192 px.
 
 use std::time::{Duration, Instant};
 
@@ -55,9 +55,14 @@ impl Worst {
 
 /// Follows the edits of one scene.
 fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
-    let (objects, lenslets) = scene.rsplit_once('=').ok_or("a scene is OBJECTS=LENSLETS")?;
-    let start = heuristic_layout(lenslets.parse()?);
-    let design = Design { objects: objects.parse()?, encoder: Encoder::Lenslets(start.clone()), ..Design::default() };
+    let (objects, lenslets) =
+        scene.rsplit_once('=').ok_or("a scene is OBJECTS=LENSLETS or OBJECTS=LENSLETS@GRID/FIELD")?;
+    let (lenslets, sizes) = lenslets.split_once('@').unwrap_or((lenslets, "32/96"));
+    let (grid, field) = sizes.split_once('/').ok_or("sizes are GRID/FIELD")?;
+    let (grid, field): (usize, usize) = (grid.parse()?, field.parse()?);
+    let start = heuristic_layout(lenslets.parse()?).on_grid(grid, grid);
+    let encoder = Encoder::Lenslets(start.clone());
+    let design = Design { objects: objects.parse()?, encoder, field: (field, field), ..Design::default() };
     let mut edited = Instant::now();
     let mut bench = Session::new(design, None, || ())?;
     // One lenslet goes its way, a pixel or two at a time.

@@ -7,6 +7,7 @@ use anyhow::{Context, bail};
 use clap::Args;
 
 use super::choices::{check_count, field_argument, mask_argument, objects_argument, open_mask};
+use super::output::report;
 use crate::forward::{Design, MaskSource, on_grid};
 use crate::objects::{ObjectSource, Placement};
 use crate::optics::LensletArray;
@@ -44,23 +45,31 @@ pub struct DesignArgs {
 pub struct GridArg {
     /// Side of the PSF grid, pixels. Positions of lenslets and apertures scale with it, widths of spots do not. A PSF image of psf:FILE or
     /// fit:FILE is resampled [default: the grid of the design, or that of the file of the mask].
-    #[arg(long = "grid", alias = "resample", value_name = "PIXELS")]
-    given: Option<usize>,
+    #[arg(long, alias = "resample", value_name = "PIXELS")]
+    grid: Option<usize>,
 }
 
 impl GridArg {
-    /// The design with this mask, if any, on this grid.
+    /// The design with this mask, if any, on this grid. Where no `field` is given, a smaller one is enlarged, with a report.
     ///
     /// # Errors
     /// Where the grid is out of range or not one of the mask, or the mask cannot be read.
-    pub fn put_mask(&self, design: &mut Design, mask: Option<&MaskSource>) -> anyhow::Result<()> {
-        if let Some(side) = self.given {
+    pub fn put_mask(&self, design: &mut Design, mask: Option<&MaskSource>, scene: &SceneArgs) -> anyhow::Result<()> {
+        if let Some(side) = self.grid {
             check_count("--grid", side, 1..=LensletArray::MAX_SIDE)?;
         }
         design.encoder = match mask {
-            Some(mask) => open_mask(mask, design, self.given)?,
-            None => on_grid(design.encoder.clone(), self.given.map(|side| (side, side)))?,
+            Some(mask) => open_mask(mask, design, self.grid)?,
+            None => on_grid(design.encoder.clone(), self.grid.map(|side| (side, side)))?,
         };
+        let room = design.clone().with_room();
+        if scene.field.is_none() && room.field != design.field {
+            let ((rows, cols), (grid_rows, grid_cols)) = (room.field, room.encoder.grid());
+            report(format!(
+                "field {rows} x {cols} px, as the PSF has {grid_rows} x {grid_cols} px; --field sets another"
+            ));
+            *design = room;
+        }
         Ok(())
     }
 }
@@ -138,7 +147,7 @@ impl DesignArgs {
             design.seed = seed;
         }
         scene.replace_in(&mut design);
-        self.grid.put_mask(&mut design, self.mask.as_ref())?;
+        self.grid.put_mask(&mut design, self.mask.as_ref(), scene)?;
         self.throughput.replace_in(&mut design);
         design.check()?;
         Ok(design)

@@ -262,7 +262,7 @@ impl Arguments {
         self.scene.replace_in(&mut design);
         let usual = MaskSource::Random(USUAL_LENSLETS);
         let start = self.start.as_ref().or_else(|| self.design.is_none().then_some(&usual));
-        self.grid.put_mask(&mut design, start)?;
+        self.grid.put_mask(&mut design, start, &self.scene)?;
         self.throughput.replace_in(&mut design);
         design.check()?;
         if !matches!(design.encoder, Encoder::Lenslets(_)) {

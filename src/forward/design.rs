@@ -135,8 +135,8 @@ pub enum DesignError {
     },
     /// The objects are smaller than the PSF, so no pixel of the sensor has its full light.
     #[error(
-        "the field of the objects is {} x {} px; expected at least the {} x {} px of the PSF grid; enlarge the field (--field) or \
-         take a smaller grid (--grid)",
+        "the field of the objects is {} x {} px; expected at least the {} x {} px of the PSF grid; enlarge the field or take \
+         a smaller grid",
         .field.0, .field.1, .grid.0, .grid.1
     )]
     Field {
@@ -173,28 +173,39 @@ impl Design {
         self.objects == other.objects && self.object_options() == other.object_options() && self.seed == other.seed
     }
 
+    /// The design with room for its mask: where the field is smaller than the PSF grid, it becomes three times as large as the grid, the
+    /// published ratio, up to the largest field.
+    #[must_use]
+    pub fn with_room(mut self) -> Self {
+        let grid = self.encoder.grid();
+        if !self.has_room() {
+            let side = |field: usize, grid: usize| field.max((3 * grid).min(Self::MAX_FIELD));
+            self.field = (side(self.field.0, grid.0), side(self.field.1, grid.1));
+        }
+        self
+    }
+
+    /// Whether the objects are at least as large as the PSF. A stack has a field of its own, which is known once it is read.
+    fn has_room(&self) -> bool {
+        let (field, grid) = (self.field, self.encoder.grid());
+        matches!(self.objects, ObjectSource::Stack(_)) || (field.0 >= grid.0 && field.1 >= grid.1)
+    }
+
     /// Checks that this design can be computed.
     ///
     /// # Errors
     /// [`DesignError`] names the first invalid setting.
     pub fn check(&self) -> Result<(), DesignError> {
         self.check_entries()?;
-        let (field, grid) = (self.field, self.encoder.grid());
-        // A stack has a field of its own, which is known once it is read.
-        let is_own = matches!(self.objects, ObjectSource::Stack(_));
-        if is_own || (field.0 >= grid.0 && field.1 >= grid.1) {
-            Ok(())
-        } else {
-            Err(DesignError::Field { field, grid })
-        }
+        if self.has_room() { Ok(()) } else { Err(DesignError::Field { field: self.field, grid: self.encoder.grid() }) }
     }
 
     /// Checks each entry alone. Earlier programs saved designs whose field is too small, and these still open.
-    fn check_entries(&self) -> Result<(), DesignError> {
+    pub(crate) fn check_entries(&self) -> Result<(), DesignError> {
         self.encoder.check()?;
-        let side = |name, found: usize, least, most| match (least..=most).contains(&found) {
-            true => Ok(()),
-            false => Err(DesignError::Side { name, found, least, most }),
+        let side = |name, found: usize, least, most| {
+            let is_allowed = (least..=most).contains(&found);
+            if is_allowed { Ok(()) } else { Err(DesignError::Side { name, found, least, most }) }
         };
         if let Encoder::Diffuser(Diffuser { aperture_px, grid_px, .. }) = self.encoder {
             side("grid_px", grid_px, *Diffuser::GRIDS.start(), *Diffuser::GRIDS.end())?;

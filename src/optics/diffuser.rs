@@ -79,7 +79,7 @@ impl Diffuser {
     pub const GRIDS: RangeInclusive<usize> = 8..=1024;
     /// Most rays per pixel along each axis, and along the whole grid where that is large.
     const RAYS: usize = 16;
-    const MOST_RAYS: usize = 2048;
+    const MOST_RAYS: usize = 1024;
     /// Least rays per pixel along each axis.
     const LEAST_RAYS: usize = 4;
     /// Standard deviation in pixels of the filter that smooths the surface. It sets the width of the bumps.

@@ -56,7 +56,7 @@ pub enum PsfError {
     /// The image is too large, or empty.
     #[error(
         "{origin}: expected a PSF of 1 to {max} pixels a side, found {rows} x {cols}; \
-         resample it: add @32 to the path, or --resample 32 to a command", max = LensletArray::MAX_SIDE
+         resample it: add @32 to the path, or --grid 32 to a command", max = LensletArray::MAX_SIDE
     )]
     Shape {
         /// File or name of the PSF.

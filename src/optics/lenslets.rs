@@ -233,10 +233,9 @@ impl LensletArray {
     /// the published widths are those of a spot that one pixel limits.
     #[must_use]
     pub fn on_grid(mut self, rows: usize, cols: usize) -> Self {
-        let scaled = |centre: f64, from: usize, to: usize| match from == to {
-            true => centre,
-            // Pixel centres are integers, so the grid begins at -0.5.
-            false => (centre + 0.5) * to as f64 / from as f64 - 0.5,
+        // Pixel centres are integers, so the grid begins at -0.5.
+        let scaled = |centre: f64, from: usize, to: usize| {
+            if from == to { centre } else { (centre + 0.5) * to as f64 / from as f64 - 0.5 }
         };
         for lenslet in &mut self.lenslets {
             lenslet.x = scaled(lenslet.x, self.cols, cols);

@@ -100,6 +100,7 @@ pages! {
     first_mask: "docs/start/first-mask.md",
     first_own_images: "docs/start/first-own-images.md",
     load_objects: "docs/howto/load-objects.md",
+    set_sizes: "docs/howto/set-sizes.md",
     import_a_psf: "docs/howto/import-a-psf.md",
     estimate_camera_images: "docs/howto/estimate-camera-images.md",
     compare_designs: "docs/howto/compare-designs.md",

@@ -78,10 +78,18 @@ fn values_out_of_range_are_refused_by_name() {
         ("export --mask psf:a@0 --out out", "1 to 1024"),
         ("export --mask psf:a@99999999999999999999 --out out", "1 to 1024"),
         ("export --mask pinhole --out out", "heuristic:1 to 9"),
-        ("export --mask psf:a --resample 0 --out out", "--resample 0: expected 1 to 1024"),
-        ("export --mask psf:a@8 --resample 8 --out out", "expected a --mask without @"),
-        ("export --mask heuristic:2 --resample 8 --out out", "psf:FILE or fit:FILE"),
-        ("export --resample 8 --out out", "--mask"),
+        ("export --mask psf:a --grid 0 --out out", "--grid 0: expected 1 to 1024"),
+        ("export --mask psf:a@8 --grid 8 --out out", "expected a --mask without @"),
+        (
+            "export --mask heuristic:2 --grid 97 --field 96 --out out",
+            "expected at least the 97 x 97 px of the PSF grid",
+        ),
+        ("export --mask diffuser:8 --grid 7 --out out", "grid_px is 7 px; expected 8 to 1024 px"),
+        ("bounds --field 20", "the field of the objects is 20 x 20 px; expected at least the 32 x 32 px"),
+        ("bounds --field 0", "field \"0\": expected pixels such as 256, or rows x cols"),
+        ("bounds --field 96x1025", "field columns is 1025 px; expected 1 to 1024 px"),
+        ("bounds --placement mirrored", "expected scaled, tiled or cropped"),
+        ("bounds --pixel-pitch 0", "pixel_pitch_um is 0.0; expected 0.01 to 1000 micrometres"),
         ("export --colormap jet --out out", "viridis"),
         ("export", "--out"),
         ("simulate", "--out"),
@@ -126,6 +134,34 @@ fn values_at_the_ends_of_their_ranges_are_computed() {
     ] {
         bench.done(line);
     }
+}
+
+#[test]
+fn field_and_grid_give_their_sizes_to_every_command() {
+    let bench = Bench::new();
+    bench.done("simulate --mask heuristic:3 --grid 48 --field 100x120 --pixel-pitch 3.45 --count 2 --out a");
+    let size = std::fs::metadata(bench.path("a/measurements.npy")).unwrap().len();
+    assert_eq!(size, 128 + 4 * 2 * (100 - 47) * (120 - 47));
+    let design: Value = serde_json::from_slice(&std::fs::read(bench.path("a/design.json")).unwrap()).unwrap();
+    assert_eq!((&design["field"], &design["format_version"]), (&serde_json::json!([100, 120]), &Value::from(3)));
+    assert_eq!((&design["encoder"]["rows"], &design["pixel_pitch_um"]), (&Value::from(48), &Value::from(3.45)));
+    // The grid of a design scales its own mask; a preset takes the grid of the design.
+    for (mask, grid, lenslets) in [("--grid 24", 24, 3), ("--mask heuristic:5", 48, 5)] {
+        bench.done(&format!("export a/design.json {mask} --out b"));
+        let design: Value = serde_json::from_slice(&std::fs::read(bench.path("b/design.json")).unwrap()).unwrap();
+        assert_eq!(design["encoder"]["cols"], grid);
+        assert_eq!(design["encoder"]["lenslets"].as_array().unwrap().len(), lenslets);
+    }
+    bench.done("export --mask psf:a/../b/psf.npy --grid 128 --out c");
+    let design: Value = serde_json::from_slice(&std::fs::read(bench.path("c/design.json")).unwrap()).unwrap();
+    assert_eq!(design["field"], serde_json::json!([384, 384]), "room for the PSF");
+    let told = bench.done("bounds a/design.json");
+    assert!(told.contains("100 x 120 px") && told.contains("of a 32 x 32 px patch"), "{told}");
+    bench.done(
+        "optimize --start random:4 --grid 24 --field 60 --steps 1 --patch 16 --objective density --score none --out run",
+    );
+    let run: Value = serde_json::from_slice(&std::fs::read(bench.path("run/run.json")).unwrap()).unwrap();
+    assert_eq!((&run["start"]["field"], &run["result"]["rows"]), (&serde_json::json!([60, 60]), &Value::from(24)));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use lenslet_studio::forward::Design;
-use lenslet_studio::objects::ObjectSource;
+use lenslet_studio::objects::{ObjectSource, Placement};
 use lenslet_studio::optics::{Encoder, Limits, Spot};
 use lenslet_studio::sensor::Noise;
 use proptest::prelude::*;
@@ -11,13 +11,15 @@ use proptest::test_runner::RngSeed;
 use serde_json::{Value, json};
 
 /// Files of every version of the format. They are never changed: every file that once opened must always open.
-const VERSIONS: [&str; 6] = [
+const VERSIONS: [&str; 8] = [
     "design-v1.json",
     "design-v1-volume.json",
     "design-v1-diffuser.json",
     "design-v1-picture.json",
     "design-v2-throughput.json",
     "design-v2-diffuser.json",
+    "design-v3-field.json",
+    "design-v3-diffuser.json",
 ];
 
 fn data(name: &str) -> PathBuf {
@@ -68,6 +70,43 @@ fn version_2_opens_with_its_throughput() {
     let diffuser = Design::open(&data("design-v2-diffuser.json")).unwrap();
     let kept = Design::open(&data("design-v1-diffuser.json")).unwrap();
     assert_eq!(diffuser.encoder.with_throughput(1.0), kept.encoder);
+}
+
+#[test]
+fn version_3_opens_with_its_sizes() {
+    let design = Design::open(&data("design-v3-field.json")).unwrap();
+    assert_eq!((design.field, design.encoder.grid()), ((192, 256), (64, 48)));
+    assert_eq!((design.placement, design.pixel_pitch_um), (Placement::Tiled, Some(3.45)));
+    let diffuser = Design::open(&data("design-v3-diffuser.json")).unwrap();
+    assert_eq!((diffuser.encoder.grid(), diffuser.field), ((48, 48), (96, 96)));
+    assert!((diffuser.psf(1).unwrap().sum() - 0.25).abs() < 1e-12);
+}
+
+#[test]
+fn version_3_is_written_only_where_earlier_programs_would_compute_other_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.json");
+    let own = Design::open(&data("design-v1.json")).unwrap();
+    let pitch = Design { pixel_pitch_um: Some(2.0), ..own.clone() };
+    let large = Design { field: (96, 100), ..own.clone() };
+    let cropped = Design { placement: Placement::Cropped, ..own.clone() };
+    for (design, version) in [(own, 1), (pitch, 1), (large, 3), (cropped, 3)] {
+        design.save(&path).unwrap();
+        assert_eq!(json_of(&path)["format_version"], version);
+        assert_eq!(Design::open(&path).unwrap(), design);
+    }
+}
+
+/// Earlier programs saved such designs before the objects that have the size.
+#[test]
+fn designs_whose_field_is_too_small_open_and_are_refused_when_computed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.json");
+    let mut value = json_of(&data("design-v1.json"));
+    value["encoder"]["rows"] = json!(200);
+    std::fs::write(&path, value.to_string()).unwrap();
+    let design = Design::open(&path).unwrap();
+    assert!(design.check().unwrap_err().to_string().contains("at least the 200 x 10 px"));
 }
 
 #[test]
@@ -143,12 +182,12 @@ fn unknown_entries_are_ignored_and_newer_versions_refused() {
     std::fs::write(&path, value.to_string()).unwrap();
     assert_eq!(Design::open(&path).unwrap(), Design::open(&data("design-v1.json")).unwrap());
 
-    value["format_version"] = json!(3);
+    value["format_version"] = json!(4);
     value["encoder"] = json!({"kind": "of the future"});
     std::fs::write(&path, value.to_string()).unwrap();
     let told = Design::open(&path).unwrap_err().to_string();
     assert!(told.starts_with(&path.display().to_string()) && !told.contains('\n'), "{told}");
-    assert!(told.contains("version 3, written by a newer Lenslet Studio; update this program"), "{told}");
+    assert!(told.contains("version 4, written by a newer Lenslet Studio; update this program"), "{told}");
 }
 
 #[test]

@@ -51,6 +51,8 @@ fn designs_open() {
         "design-v1-volume",
         "design-v2-throughput",
         "design-v2-diffuser",
+        "design-v3-field",
+        "design-v3-diffuser",
     ] {
         Design::open(&golden("..").join(name).with_extension("json")).unwrap();
     }

@@ -17,6 +17,7 @@ mod optimizer;
 mod pixelcnn;
 mod real_data;
 mod reference;
+mod sizes;
 mod study_stream;
 mod throughput;
 mod undo;

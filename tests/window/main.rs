@@ -16,6 +16,7 @@ mod panics;
 mod reconstruction;
 mod runs;
 mod seeing;
+mod sizes;
 mod soak;
 mod studies;
 mod training;

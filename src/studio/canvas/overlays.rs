@@ -109,8 +109,7 @@ pub fn scale_bar_length(room: f32, scale: f32, pixel: PixelSize) -> Option<Scale
         .filter(|length| unit != "px" || *length >= 1.0)
         // One pixel is the minimum.
         .or_else(|| (unit == "px" && scale <= 0.8 * room).then_some(1.0))?;
-    let physical =
-        pitch_um.map_or_else(String::new, |pitch| format!(", {} \u{b5}m", format_significant(length * pitch)));
+    let physical = pitch_um.map_or_else(String::new, |pitch| format!(", {} \u{b5}m", tidy(length * pitch)));
     Some(ScaleBar { length: (length / per_pixel) as f32 * scale, text: format!("{} {unit}{physical}", tidy(length)) })
 }
 

@@ -95,8 +95,9 @@ fn show_map(
 
 fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>) {
     let unit = PixelSize::of_frequency(1.0, pitch_um).width;
-    let line =
-        |cut: &[[f64; 2]]| PlotPoints::from_iter(cut.iter().map(|&[frequency, value]| [frequency * unit, value]));
+    let line = |cut: &[[f64; 2]]| -> PlotPoints<'static> {
+        cut.iter().map(|&[frequency, value]| [frequency * unit, value]).collect()
+    };
     Plot::new("MTF cuts")
         .legend(Legend::default().position(Corner::RightTop))
         .include_y(0.0)

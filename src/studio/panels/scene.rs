@@ -4,7 +4,7 @@ use egui::Ui;
 
 use crate::forward::Design;
 use crate::objects::{ObjectSource, Placement};
-use crate::optics::{Diffuser, Encoder};
+use crate::optics::{Diffuser, Encoder, LensletArray};
 use crate::sensor::Noise;
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
@@ -179,8 +179,7 @@ fn sizes(ui: &mut Ui, design: &Design, requests: &mut Vec<Request>) {
                 return;
             }
         };
-        let most = if is_stack { most } else { most.min(design.field.0).min(design.field.1) };
-        let field = NumberField::whole("PSF grid", least..=most.max(least));
+        let field = NumberField::whole("PSF grid", least..=LensletArray::MAX_SIDE);
         if let Some(edit) = field.show(ui, grid.0 as f64).1 {
             requests.push(Request::ChangeBy(edit, Command::SetGrid(edit.value as usize)));
         }

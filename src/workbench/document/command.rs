@@ -56,7 +56,8 @@ pub enum Command {
     SetField((usize, usize)),
     /// Brings whole images to the size of the field in another way.
     SetPlacement(Placement),
-    /// Puts the mask on a square PSF grid of this side in pixels. Positions scale with the grid, widths do not.
+    /// Puts the mask on a square PSF grid of this side in pixels. Positions scale with the grid, widths do not. A field that is smaller
+    /// than the grid is enlarged.
     SetGrid(usize),
     /// Sets or removes the pitch of the sensor's pixels, micrometres.
     SetPixelPitch(Option<f64>),
@@ -225,6 +226,10 @@ impl Command {
             }
             Self::SetPixelPitch(pitch) => changed.pixel_pitch_um = *pitch,
         }
+        // A field that is typed too small is refused; other changes make room.
+        if !matches!(self, Self::SetField(_)) {
+            changed = changed.with_room();
+        }
         changed.check()?;
         Ok(changed)
     }
@@ -257,13 +262,10 @@ mod tests {
     }
 
     #[test]
-    fn another_grid_scales_positions_and_must_fit_the_field() {
+    fn another_grid_scales_positions_and_has_room_in_the_field() {
         let design = Design::default();
-        let refused = Command::SetGrid(97).applied_to(&design).unwrap_err().to_string();
-        assert!(
-            refused.starts_with("the field of the objects is 96 x 96 px; expected at least the 97 x 97 px"),
-            "{refused}"
-        );
+        assert_eq!(Command::SetGrid(96).applied_to(&design).unwrap().field, (96, 96));
+        assert_eq!(Command::SetGrid(97).applied_to(&design).unwrap().field, (291, 291));
         let large = Command::SetField((192, 200)).applied_to(&design).unwrap();
         let scaled = Command::SetGrid(64).applied_to(&large).unwrap();
         let of = |design: &Design| design.encoder.lenslets().unwrap().lenslets[0];

@@ -214,20 +214,12 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
     let published = (1..=9).find(|&count| rows == cols && design.encoder == layout(count));
     if let Some(count) = published.filter(|_| design.limits == usual.limits) {
         let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &design;
-        let mut scene = format!(
+        let scene = format!(
             "--objects {} --mean-photons {mean_photons} --bias {bias_photons} --noise {noise} --seed {seed}",
             quoted(&objects.to_string())
         );
-        if design.encoder.grid() != usual.encoder.grid() {
-            scene += &format!(" --grid {rows}");
-        }
-        if design.field != usual.field {
-            scene += &format!(" --field {}x{}", design.field.0, design.field.1);
-        }
-        if design.placement != usual.placement {
-            scene += &format!(" --placement {}", design.placement);
-        }
-        return Ok(format!("lenslet-studio {command} {mask} heuristic:{count} {scene} {flags}"));
+        let sizes = sizes_of(&design);
+        return Ok(format!("lenslet-studio {command} {mask} heuristic:{count} {scene}{sizes} {flags}"));
     }
     let text = design.to_json().map_err(|error| error.to_string())?;
     if text.len() > LONGEST {
@@ -237,6 +229,18 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
         ));
     }
     Ok(format!("lenslet-studio {command} - {flags} <<'END'\n{text}\nEND"))
+}
+
+/// Flags for sizes of a design that are not the published ones.
+fn sizes_of(design: &Design) -> String {
+    let usual = Design::default();
+    let ((rows, cols), (grid, _)) = (design.field, design.encoder.grid());
+    let flags = [
+        (grid != usual.encoder.grid().0).then(|| format!(" --grid {grid}")),
+        (design.field != usual.field).then(|| format!(" --field {rows}x{cols}")),
+        (design.placement != usual.placement).then(|| format!(" --placement {}", design.placement)),
+    ];
+    flags.into_iter().flatten().collect()
 }
 
 /// Command that reproduces a live estimate from its record.
@@ -280,6 +284,10 @@ mod tests {
         let text = reconstruct_command(&design, DecoderKind::TotalVariation, None, 64).unwrap();
         assert!(text.starts_with("lenslet-studio reconstruct --mask heuristic:9 "), "{text}");
         assert!(text.ends_with(" --decoder tv --test 64 --json"), "{text}");
+        let sized = design.clone();
+        let sized = Design { encoder: sized.encoder.on_grid(64, 64).unwrap(), field: (128, 160), ..sized };
+        let text = bounds_command(&sized).unwrap();
+        assert!(text.contains("--mask heuristic:9 ") && text.contains(" --grid 64 --field 128x160"), "{text}");
         design.objects = ObjectSource::Stack("here.npy".into());
         let text = bounds_command(&design).unwrap();
         assert!(text.contains("--objects stack:/"), "a path that means the same in every folder: {text}");

@@ -243,7 +243,7 @@ impl Snapshots {
     pub fn read(folder: &Path) -> Result<FoundSnapshots, FormatError> {
         create_folder(folder)?;
         let documents = DocumentFolder { folder: folder.to_owned(), kind: SNAPSHOT, most: Self::MOST };
-        let found = documents.read(|kept: &Kept| kept.design.check().is_ok())?;
+        let found = documents.read(|kept: &Kept| kept.design.check_entries().is_ok())?;
         let mut all = Self::default();
         for (file, Kept { name, design, program_version, numbers }) in found.documents {
             all.last += 1;
