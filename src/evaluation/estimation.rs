@@ -28,6 +28,8 @@ use crate::sensor::Patches;
 
 /// Identity of an estimate of a design: all that decides its numbers.
 pub(crate) fn identity(design: &Design, objects_fingerprint: &String, request: &EstimateRequest) -> Identity {
+    // No number depends on the pitch.
+    let design = &Design { pixel_pitch_um: None, ..design.clone() };
     let content = json!({
         "design": json_of(design),
         "objects": objects_fingerprint,
