@@ -16,7 +16,7 @@ use crate::formats::write_safely;
 use crate::plural::counted;
 use crate::studies::plans::{
     BatchScript, CellState, NamedPlan, Shard, StudyFolder, StudyTable, figure_of, named_plans, shards_of_script,
-    write_figure,
+    shell_word, write_figure,
 };
 
 /// The batch script in the folder of a study.
@@ -215,7 +215,7 @@ impl MissingArgs {
         }
         let ranks = folder.ranks();
         let array = BatchScript::array_of(missing.iter().map(|&index| ranks[index]), tasks);
-        output::print(&format!("sbatch --array={array} {}", script.display()))
+        output::print(&format!("sbatch --array={array} {}", shell_word(&script)))
     }
 }
 
@@ -244,12 +244,12 @@ impl SbatchArgs {
         let text = script.to_string();
         write_safely(&file, |writer| writer.write_all(text.as_bytes()))?;
         output::print(&format!(
-            "{}: {} in {}, at most {} each; submit it with sbatch {}",
+            "{}: {} in {}, about {} each at most; submit it with sbatch {}",
             file.display(),
             counted(folder.cells().len(), "cell"),
             counted(tasks, "task"),
             format_duration(script.time),
-            file.display()
+            shell_word(&file)
         ))
     }
 }

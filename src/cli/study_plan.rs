@@ -126,6 +126,11 @@ fn mask_argument() -> impl TypedValueParser<Value = StudyMask> {
 }
 
 impl PlanArgs {
+    /// The folder of a study that names the plan.
+    pub fn study_folder(&self) -> Option<&Path> {
+        StudyFolder::is_at(&self.plan).then_some(&*self.plan)
+    }
+
     /// The plan with its changes.
     pub fn plan(&self) -> anyhow::Result<Plan> {
         self.changes.applied_to(&self.plan)

@@ -29,8 +29,8 @@ pub(super) struct RunArgs {
     #[command(flatten)]
     plan: PlanArgs,
 
-    /// Folder of the study. An unfinished study in it is resumed.
-    #[arg(long, value_name = "DIR", required_unless_present = "dry_run")]
+    /// Folder of the study; an unfinished study in it is resumed [default: PLAN, where that is the folder of a study].
+    #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
     /// Compute only the cells of task I of N, from 0 [default: those of the Slurm job array, or all].
@@ -64,8 +64,11 @@ impl RunArgs {
             Some(shard) => shard,
             None => of_slurm()?.unwrap_or_default(),
         };
-        let Some(out) = self.out.as_ref().filter(|_| !self.dry_run) else {
+        if self.dry_run {
             return output::print(&listed(&plan, shard)?);
+        }
+        let Some(out) = self.out.as_deref().or_else(|| self.plan.study_folder()) else {
+            return Err(anyhow::anyhow!("--out: expected the folder of the study, found none; name one").into());
         };
         check_folder(out)?;
         let folder = StudyFolder::begin(plan, out)?;
@@ -121,11 +124,7 @@ fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
     let own: Vec<usize> = (0..cells.len()).filter(|&index| shard.holds(ranks[index])).collect();
     let time: Duration = own.iter().map(|&index| plan.time_of(&cells[index])).sum();
     let mut lines: Vec<String> = own.iter().map(|&index| format!("{}  {}", ids[index], cells[index].name())).collect();
-    lines.push(format!(
-        "{}, about {} on one machine; optimizer runs come on top",
-        counted(own.len(), "cell"),
-        format_duration(time)
-    ));
+    lines.push(format!("{}, about {} on one machine", counted(own.len(), "cell"), format_duration(time)));
     Ok(lines.join("\n"))
 }
 

@@ -17,7 +17,8 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Estimator {
-    /// Gaussian with one mean and a covariance by lag, fitted to patches.
+    /// Gaussian with one mean and a covariance by lag, fitted to patches. Plans may call it `gaussian`, as the flag does.
+    #[serde(alias = "gaussian")]
     GaussianStationary,
     /// Gaussian with a mean per pixel and a full covariance, fitted to patches.
     GaussianFull,

@@ -39,10 +39,12 @@ pub enum StudyError {
         found: String,
     },
     /// The folder holds a study of another plan.
-    #[error("{}: expected a folder of this plan, found the cells of another; choose another folder", .path.display())]
+    #[error("{}: expected a folder of this plan, found the cells of one with other values of {found}; choose another folder", .path.display())]
     OtherPlan {
         /// The folder.
         path: PathBuf,
+        /// Names of the entries that differ.
+        found: String,
     },
     /// A plot has an unknown ending.
     #[error("{}: expected a name that ends in .svg or .png; choose another name", .path.display())]

@@ -115,16 +115,15 @@ fn published_values_stand_beside_estimates_of_the_same_patch() {
     assert_eq!(published("--mask heuristic:2 --objects beads:0.02 --noise read:5", "b"), ["0.4671"]);
     let sets = "--mask heuristic:9 --set mnist=idx:a.idx --objects mnist --objects idx:a.idx";
     assert_eq!(published(sets, "c"), ["0.611", ""]);
-    // Gaussian bounds of beads decrease with the number of lenslets. Published values of sparse ones increase.
+    // Gaussian bounds of sparse beads are loose.
     let masks = "--mask heuristic:1 --mask heuristic:4 --mask heuristic:9";
     let output = bench.done(&format!(
         "study run grid --estimator gaussian --patches-train 2000 --patches-test 200 --objects beads:0.008 {masks} --out e"
     ));
-    for part in [
-        "rank correlation with the published order of 3 masks -1.00",
-        "0 of 3 estimates at most the published value + 0.02 bits per pixel",
-        "3 estimates above the entropy bound",
-    ] {
+    assert!(!output.contains("rank correlation"), "loose estimates order nothing: {output}");
+    for part in
+        ["0 of 3 estimates at most the published value + 0.02 bits per pixel", "3 estimates above the entropy bound"]
+    {
         assert!(output.contains(part), "{part} in {output}");
     }
 }

@@ -171,15 +171,20 @@ impl Axes {
         }
     }
 
-    /// The axes with every second value of those that have more than two, apart from those to `keep`. The first value stays.
+    /// The axes with every second value of those that have more than two, apart from those to `keep`. The first value and
+    /// designed masks stay.
     #[must_use]
     pub fn halved(&self, keep: &[Axis]) -> Self {
         fn half<T: Clone>(values: &[T], is_kept: bool) -> Vec<T> {
             if is_kept || values.len() <= 2 { values.to_vec() } else { values.iter().step_by(2).cloned().collect() }
         }
         let kept = |axis: Axis| keep.contains(&axis);
+        // Designed masks are the question of their plan.
+        let (designed, given): (Vec<_>, Vec<_>) =
+            self.mask.iter().cloned().partition(|mask| matches!(mask, StudyMask::Ideal { .. }));
+        let mask = if kept(Axis::Mask) { self.mask.clone() } else { [half(&given, false), designed].concat() };
         Self {
-            mask: half(&self.mask, kept(Axis::Mask)),
+            mask,
             objects: half(&self.objects, kept(Axis::Objects)),
             photons: half(&self.photons, kept(Axis::Photons)),
             background: half(&self.background, kept(Axis::Background)),
@@ -247,6 +252,16 @@ impl Axes {
     ) -> Result<Vec<CellSettings>, StudyError> {
         let sources: Vec<ObjectSource> =
             self.objects.iter().map(|name| source_of(name, sets)).collect::<Result<_, _>>()?;
+        if self.photons.len() > 1
+            && let Some(fixed) = sources.iter().find(|source| !source.has_mean())
+        {
+            let expected = format!("one value, as {fixed} sets its photons itself");
+            return Err(StudyError::Plan {
+                what: "axis photons".into(),
+                expected,
+                found: self.photons.len().to_string(),
+            });
+        }
         let leader = |axis: Axis| {
             self.zip.iter().find(|group| group.contains(&axis)).and_then(|group| group.first()).copied().unwrap_or(axis)
         };

@@ -196,6 +196,10 @@ impl CellSettings {
     pub(super) fn check(&self) -> Result<(), StudyError> {
         NoiseEntropy::new(self.noise, self.estimates.protocol).map_err(EvaluationError::from)?;
         self.design(Design::default().encoder).check().map_err(EvaluationError::from)?;
+        if let StudyMask::Ideal { start: MaskSource::Diffuser(_) | MaskSource::Psf(..), .. } = &self.mask {
+            let expected = "a start with lenslets, such as ideal:random:25".into();
+            return Err(StudyError::Plan { what: "mask".into(), expected, found: self.mask.to_string() });
+        }
         self.reconstruction.map_or(Ok(()), |settings| settings.check(&self.objects))
     }
 
@@ -209,10 +213,18 @@ impl CellSettings {
         }
     }
 
-    /// Objects, mask, patch and estimator for people.
+    /// Objects, mask, patch and estimator for people, and what is not as published.
     pub fn name(&self) -> String {
         let patch = self.patch.shape().map_or("sensor".into(), |(rows, cols)| format!("{rows} x {cols} px"));
-        format!("{}, {}, {patch}, {}", self.objects, self.mask, self.estimator)
+        let usual = Design::default();
+        let others = [
+            (self.mean_photons != usual.mean_photons).then(|| format!("{} photons", self.mean_photons)),
+            (self.bias_photons != usual.bias_photons).then(|| format!("background {}", self.bias_photons)),
+            (self.noise != usual.noise).then(|| format!("{} noise", self.noise)),
+            (self.seed != usual.seed).then(|| format!("seed {}", self.seed)),
+        ];
+        let parts = [self.objects.to_string(), self.mask.to_string(), patch, self.estimator.to_string()];
+        parts.into_iter().chain(others.into_iter().flatten()).collect::<Vec<_>>().join(", ")
     }
 }
 

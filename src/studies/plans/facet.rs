@@ -23,6 +23,9 @@ pub enum Facet {
     Planes,
 }
 
+/// Mean of objects that set their photons themselves.
+pub(super) const OF_OBJECTS: &str = "of the objects";
+
 impl Facet {
     /// The value of a cell, for people. Objects have the name of their set.
     pub(super) fn value(self, sets: &BTreeMap<String, ObjectSource>, cell: &CellSettings) -> String {
@@ -32,6 +35,7 @@ impl Facet {
                 let named = sets.iter().find(|(_, source)| **source == cell.objects);
                 named.map_or_else(|| cell.objects.to_string(), |(name, _)| name.clone())
             }
+            Self::Axis(Axis::Photons) if !cell.objects.has_mean() => OF_OBJECTS.into(),
             Self::Axis(Axis::Photons) => cell.mean_photons.to_string(),
             Self::Axis(Axis::Background) => cell.bias_photons.to_string(),
             Self::Axis(Axis::Noise) => cell.noise.to_string(),
@@ -69,7 +73,6 @@ impl Facet {
     /// Label of the axis of a plot, with its unit.
     pub fn label(self, is_numeric: bool) -> &'static str {
         match self {
-            Self::Axis(Axis::Mask) if is_numeric => "lenslets, or aperture in px",
             Self::Axis(Axis::Mask) => "mask",
             Self::Axis(Axis::Objects) if !is_numeric => "objects",
             Self::Axis(Axis::Objects) | Self::Density => "beads per object pixel",

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::axes::Axis;
 use super::cell::{CellSettings, StudyMask};
-use super::facet::Facet;
+use super::facet::{Facet, OF_OBJECTS};
 use super::folder::CellState;
 use super::plan::{Plan, PlotSettings};
 use crate::forward::MaskSource;
@@ -104,6 +104,8 @@ pub struct Point {
     pub value: f64,
     /// Its 95 % interval.
     pub interval_95: [f64; 2],
+    /// The smallest upper bound, bits per pixel: the estimate, or the entropy bound where the estimate is loose; or the PSNR.
+    pub upper: f64,
     /// Lower bound, where one was computed, bits per pixel.
     pub lower: Option<f64>,
     /// The published value of the cell, in the unit of the panel.
@@ -242,6 +244,7 @@ fn point_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opt
         x,
         value: estimate.bits_per_pixel,
         interval_95: estimate.interval_95,
+        upper: estimate.ceiling.map_or(estimate.bits_per_pixel, |ceiling| ceiling.min(estimate.bits_per_pixel)),
         lower: record.lower(),
         published: published_value(cell).map(|known| known.bits_per_pixel),
         tamura: record.sensor_tamura.map(|tamura| tamura.mean),
@@ -264,6 +267,7 @@ fn psnr_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opti
         x,
         value: quality.psnr_db,
         interval_95: quality.psnr_db_interval_95,
+        upper: quality.psnr_db,
         lower: None,
         published: known,
         tamura: None,
@@ -286,7 +290,8 @@ pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
         side => format!("patches of {side} px"),
     }));
     parts.extend(only(Axis::Noise).map(|noise| format!("{noise} noise")));
-    parts.extend(only(Axis::Photons).map(|photons| format!("mean of {photons} photons")));
+    let photons = only(Axis::Photons).filter(|photons| photons != OF_OBJECTS);
+    parts.extend(photons.map(|photons| format!("mean of {photons} photons")));
     parts.extend(only(Axis::Background).map(|photons| format!("background of {photons} photons")));
     parts.extend(only(Axis::Estimator).map(|estimator| format!("estimator {estimator}")));
     if plan.estimates.protocol == Protocol::Paper {

@@ -54,7 +54,7 @@ pub struct StudyFolder {
 }
 
 impl StudyFolder {
-    /// Begins a study in `path`, or resumes the same plan there.
+    /// Begins a study in `path`, or resumes the same plan there. A plan with all cells of the one there, and more, takes its place.
     ///
     /// # Errors
     /// [`StudyError`] where the plan has no cells, or the folder holds another plan.
@@ -63,9 +63,14 @@ impl StudyFolder {
         let file = path.join(PLAN);
         if file.exists() {
             let there = Self::open(path)?;
-            return if there.cells == cells { Ok(there) } else { Err(StudyError::OtherPlan { path: path.into() }) };
-        }
-        if path.join(crate::studies::comparison::STUDY_RECORD).exists() {
+            if there.cells == cells {
+                return Ok(there);
+            }
+            // A plan may grow: its cells stay.
+            if !there.cells.iter().all(|cell| cells.contains(cell)) {
+                return Err(StudyError::OtherPlan { path: path.into(), found: there.plan.difference(&plan) });
+            }
+        } else if path.join(crate::studies::comparison::STUDY_RECORD).exists() {
             return Err(StudyError::EarlierStudy { path: path.into() });
         }
         create_folder(&path.join(CELLS))?;
@@ -161,7 +166,13 @@ impl StudyFolder {
         }
         let record = match CELL.read::<CellRecord>(&file) {
             Ok(record) => record,
-            Err(error @ FormatError::Malformed { .. }) => return Ok(CellState::Unusable(error.to_string())),
+            Err(error @ FormatError::Malformed { .. }) => {
+                let found = error.to_string();
+                return Ok(CellState::Unusable(format!(
+                    "{}: expected a whole cell; run the study again ({found})",
+                    file.display()
+                )));
+            }
             Err(error) => return Err(error.into()),
         };
         if record.program_version != NUMBERS_VERSION {

@@ -226,8 +226,8 @@ impl Painter<'_> {
         for series in &panel.series {
             let colour = self.colour(&series.name);
             for run in bounded(&series.points) {
-                let upper = run.iter().map(|point| (point.x, point.value));
-                let lower = run.iter().rev().map(|point| (point.x, point.lower.unwrap_or(point.value)));
+                let upper = run.iter().map(|point| (point.x, point.upper));
+                let lower = run.iter().rev().map(|point| (point.x, point.lower.unwrap_or(point.upper)));
                 chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.18).filled())])?;
             }
             let joined: Vec<(f64, f64)> =

@@ -10,6 +10,7 @@ use super::axes::{Axes, Axis};
 use super::cell::CellSettings;
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
+use super::ideal::time_of_design;
 use super::reconstruction::ReconstructionSettings;
 use crate::formats::{FormatError, write_safely};
 use crate::information::{Estimator, Protocol};
@@ -203,6 +204,20 @@ impl Plan {
         Self { axes, estimates, ..self.clone() }
     }
 
+    /// What differs from another plan, for people.
+    pub(super) fn difference(&self, other: &Self) -> String {
+        let axes = Axis::ALL.into_iter().filter(|&axis| self.axes.names_of(axis) != other.axes.names_of(axis));
+        let mut parts: Vec<String> = axes.map(|axis| axis.to_string()).collect();
+        let others = [
+            (self.axes.zip != other.axes.zip, "zip"),
+            (self.sets != other.sets, "sets"),
+            (self.estimates != other.estimates, "estimates"),
+            (self.reconstruction != other.reconstruction, "reconstruction"),
+        ];
+        parts.extend(others.into_iter().filter(|(differs, _)| *differs).map(|(_, name)| name.to_owned()));
+        parts.join(", ")
+    }
+
     /// The value of a cell, for people.
     pub fn value(&self, facet: Facet, cell: &CellSettings) -> String {
         facet.value(&self.sets, cell)
@@ -223,12 +238,15 @@ impl Plan {
         Ok(cells)
     }
 
-    /// Estimated time of a cell: that of its fits and training, and of what surrounds them.
+    /// Estimated time of a cell: that of its optimizer run, its fits and training, and of what surrounds them.
     pub fn time_of(&self, cell: &CellSettings) -> Duration {
         let fits = cell.estimates.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let trials = if cell.estimator == Estimator::Bracket { 1 } else { cell.estimates.trials as u32 };
         let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
         let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        fits.unwrap_or_default().saturating_mul(trials) + training.unwrap_or_default() + AROUND_FITS
+        fits.unwrap_or_default().saturating_mul(trials)
+            + training.unwrap_or_default()
+            + time_of_design(cell)
+            + AROUND_FITS
     }
 }

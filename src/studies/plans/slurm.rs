@@ -1,7 +1,7 @@
 //! Batch scripts of a Slurm job array.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::shard::Shard;
@@ -72,13 +72,13 @@ impl fmt::Display for BatchScript {
         writeln!(f, "#SBATCH --mem-per-cpu=2G")?;
         writeln!(
             f,
-            "# The estimated time of the longest task is {} min; the limit leaves half as much again.",
+            "# The estimated time of the longest task is {} min; the limit leaves half as much again, and 10 min at least.",
             time.as_secs().div_ceil(60)
         )?;
         writeln!(f, "#SBATCH --time={hours}:{minutes:02}:00")?;
         writeln!(f, "# A minute before the limit the task keeps the state of its cell and ends.")?;
         writeln!(f, "#SBATCH --signal=USR1@60")?;
-        writeln!(f, "#SBATCH --output={}/task-%a.log", shell_comment(folder))?;
+        writeln!(f, "#SBATCH --output=\"{}/task-%a.log\"", shell_comment(folder))?;
         writeln!(f)?;
         writeln!(f, "{TASKS}{tasks}")?;
         writeln!(f, "export RAYON_NUM_THREADS=${{SLURM_CPUS_PER_TASK:-{processors}}}")?;
@@ -88,14 +88,21 @@ impl fmt::Display for BatchScript {
     }
 }
 
+/// A path as a person types it in a shell: quoted where it has to be.
+pub fn shell_word(path: &Path) -> String {
+    let text = path.display().to_string();
+    let is_plain = |letter: char| letter.is_alphanumeric() || "/._-+:,@".contains(letter);
+    if text.chars().all(is_plain) { text } else { quoted(path) }
+}
+
 /// A path as one word of a shell.
-fn quoted(path: &std::path::Path) -> String {
+fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
 /// A path in a directive, where a line end would end it.
-fn shell_comment(path: &std::path::Path) -> String {
-    path.display().to_string().replace('\n', " ").replace('%', "%%")
+fn shell_comment(path: &Path) -> String {
+    path.display().to_string().replace('\n', " ").replace('%', "%%").replace('"', "\\\"")
 }
 
 #[cfg(test)]
@@ -125,10 +132,12 @@ mod tests {
         for line in [
             "#SBATCH --array=0-3",
             "#SBATCH --time=2:30:00",
+            "#SBATCH --output=\"/data/it's/task-%a.log\"",
             "srun '/opt/lens let/lenslet-studio' study run '/data/it'\\''s' --out '/data/it'\\''s' --shard \"$SLURM_ARRAY_TASK_ID/$tasks\"",
         ] {
             assert!(text.lines().any(|of| of == line), "{line} in {text}");
         }
         assert_eq!(shards_of_script("#!/bin/bash\n"), None);
+        assert_eq!((shell_word("a/b".as_ref()), shell_word("a b".as_ref())), ("a/b".into(), "'a b'".into()));
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::axes::Axis;
-use super::cell::CellSettings;
+use super::cell::{CellRecord, CellSettings};
 use super::facet::Facet;
 use super::figure::{caption, distinct, figure_of, published_value};
 use super::folder::{CellState, StudyFolder};
@@ -54,6 +54,9 @@ impl<'a> Row<'a> {
 
 /// Distance above the published value within which an estimate counts as its equal, bits per pixel.
 const MARGIN: f64 = 0.02;
+
+/// Fewest masks whose order is compared with the published one.
+const FEWEST_RANKED: usize = 3;
 
 /// Header of the table for programs. Times and machines are left out, so that equal studies have equal tables; they are in the files of
 /// the cells.
@@ -147,7 +150,10 @@ impl<'a> StudyTable<'a> {
             for series in figure.information_panels().flat_map(|panel| &panel.series) {
                 if let Some((best, _)) = series.optimum() {
                     let tamura = best.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
-                    lines.push(format!("{}: optimum at {} {}{tamura}", series.name, plan.plot.x, best.x));
+                    let ends = [series.points.first(), series.points.last()];
+                    let is_end = ends.into_iter().flatten().any(|point| point.x == best.x);
+                    let end = if is_end { ", the end of the sweep" } else { "" };
+                    lines.push(format!("{}: optimum at {} {}{end}{tamura}", series.name, plan.plot.x, best.x));
                 }
             }
         }
@@ -202,9 +208,18 @@ impl<'a> StudyTable<'a> {
     }
 }
 
-/// First mask less another one, by the density model on the same test patches.
+/// First mask less another one, by the density model on the same test patches. A density model above the entropy bound is loose, and so
+/// would be their difference.
 fn difference(first: &CellState, other: &CellState) -> Option<PairedDifference> {
     let (first, other) = (first.done()?, other.done()?);
+    let is_loose = |record: &CellRecord| {
+        let patches = &record.test_patches.information;
+        let mean = patches.iter().sum::<f64>() / patches.len().max(1) as f64;
+        record.estimate.as_ref().and_then(|estimate| estimate.ceiling).is_some_and(|ceiling| mean > ceiling)
+    };
+    if is_loose(first) || is_loose(other) {
+        return None;
+    }
     PairedDifference::new(&first.test_patches.information, &other.test_patches, other.settings.seed).ok()?
 }
 
@@ -246,27 +261,35 @@ fn csv_row(plan: &Plan, row: &Row<'_>, id: &str) -> Vec<String> {
     ]
 }
 
-/// How estimates compare with published ones: their number below, and the order of masks for each set of objects.
+/// How estimates compare with published ones: their number below, and the order of masks that differ in nothing else. Loose estimates
+/// order nothing.
 fn beside_published(plan: &Plan, rows: &[Row<'_>]) -> Vec<String> {
-    let mut by_objects: Vec<(String, Vec<(f64, f64)>)> = Vec::new();
-    for row in rows {
-        let Some(pair) = row.estimate().map(|estimate| estimate.bits_per_pixel).zip(row.published) else { continue };
-        let objects = plan.value(Facet::Axis(Axis::Objects), row.cell);
-        match by_objects.iter_mut().find(|(of, _)| *of == objects) {
-            Some((_, pairs)) => pairs.push(pair),
-            None => by_objects.push((objects, vec![pair])),
-        }
-    }
-    let compared: Vec<(f64, f64)> = by_objects.iter().flat_map(|(_, pairs)| pairs).copied().collect();
+    let pair = |row: &Row<'_>| Some((row.estimate()?.bits_per_pixel, row.published?));
+    let compared: Vec<(f64, f64)> = rows.iter().filter_map(pair).collect();
     if compared.is_empty() {
         return Vec::new();
     }
     let below = compared.iter().filter(|(ours, published)| *ours <= published + MARGIN).count();
     let estimates = counted(compared.len(), "estimate");
     let mut lines = vec![format!("{below} of {estimates} at most the published value + {MARGIN} bits per pixel")];
-    lines.extend(by_objects.iter().filter_map(|(objects, pairs)| {
+    let mut alike: Vec<(&CellSettings, Vec<&Row<'_>>)> = Vec::new();
+    for row in rows {
+        let same = |of: &CellSettings| CellSettings { mask: of.mask.clone(), ..row.cell.clone() } == *of;
+        match alike.iter_mut().find(|(of, _)| same(of)) {
+            Some((_, group)) => group.push(row),
+            None => alike.push((row.cell, vec![row])),
+        }
+    }
+    lines.extend(alike.iter().filter_map(|(cell, group)| {
+        let is_ranked = |row: &&Row<'_>| row.estimate().is_some_and(|estimate| !estimate.above_ceiling());
+        let known: Vec<&Row<'_>> = group.iter().filter(|row| row.published.is_some()).copied().collect();
+        if known.len() < FEWEST_RANKED || !known.iter().all(is_ranked) {
+            return None;
+        }
+        let pairs: Vec<(f64, f64)> = known.into_iter().filter_map(pair).collect();
         let masks = counted(pairs.len(), "mask");
-        Some(format!("{objects}: rank correlation with the published order of {masks} {:.2}", spearman(pairs)?))
+        let objects = plan.value(Facet::Axis(Axis::Objects), cell);
+        Some(format!("{objects}: rank correlation with the published order of {masks} {:.2}", spearman(&pairs)?))
     }));
     lines
 }

@@ -111,6 +111,14 @@ fn plans_that_cannot_be_computed_are_refused_in_one_sentence() {
         (refused(&|plan| plan.axes.seed = (0..1_000_000).collect()), "at most 100000 cells, found 4000000"),
         (refused(&|plan| plan.axes.photons = vec![-1.0]), "mean_photons"),
         (refused(&|plan| plan.axes.noise = vec![crate::sensor::Noise::None]), "without noise"),
+        (refused(&|plan| plan.axes.mask = vec!["ideal:diffuser:8".parse().unwrap()]), "a start with lenslets"),
+        (
+            refused(&|plan| {
+                plan.axes.objects = vec!["beads-max:0.02".into()];
+                plan.axes.photons = vec![50.0, 100.0];
+            }),
+            "sets its photons itself",
+        ),
         (refused(&|plan| plan.axes.objects = vec!["mnist".into()]), "--set mnist=idx:FILE"),
         (refused(&|plan| plan.axes.objects = vec!["pearls:1".into()]), "objects pearls:1"),
         (refused(&|plan| plan.estimates.patches_test = 1), "patches_test: expected 2"),
@@ -172,7 +180,12 @@ fn files_that_are_cut_old_or_of_another_cell_are_computed_again() {
     let states = folder.states().unwrap();
     let reasons: Vec<&str> = states.iter().filter_map(CellState::failure).collect();
     assert_eq!(reasons.len(), 3);
-    assert!(reasons[1].contains("newer") && reasons[2].contains("found another"), "{reasons:?}");
+    assert!(
+        reasons[0].contains("run the study again")
+            && reasons[1].contains("newer")
+            && reasons[2].contains("found another"),
+        "{reasons:?}"
+    );
     assert!(StudyTable::new(&folder, &states).markdown().contains("3 unusable"));
     assert_eq!(computed(&folder, Shard::default()), 3);
     assert_eq!(rows(&folder), before);
@@ -184,7 +197,13 @@ fn other_plans_are_kept_out_of_a_folder() {
     begun(small(), place.path());
     let mut other = small();
     other.axes.seed = vec![2];
-    assert!(sentence(StudyFolder::begin(other, place.path())).contains("cells of another"));
+    assert!(sentence(StudyFolder::begin(other.clone(), place.path())).contains("other values of seed"));
+    // It may grow, and then shrinks no more.
+    other.axes.seed = vec![1, 2];
+    assert_eq!(begun(other, place.path()).cells().len(), 8);
+    assert!(sentence(StudyFolder::begin(small(), place.path())).contains("other values of seed"));
+    let place = tempfile::tempdir().unwrap();
+    begun(small(), place.path());
     // A new title is no other plan.
     begun(Plan { title: "Two".into(), ..small() }, place.path());
     let empty = tempfile::tempdir().unwrap();
@@ -316,4 +335,34 @@ fn axes_without_a_role_tell_lines_apart() {
     let figure = figure_of(&plan, &cells, &vec![CellState::Waiting; cells.len()]);
     assert_eq!(figure.ticks[2].label, "ideal:random:25");
     assert_eq!(figure.x_label, "mask");
+}
+
+#[test]
+fn first_looks_keep_designed_masks() {
+    let quick = |name: &str| NamedPlan::find(name).unwrap().plan.quick();
+    let names: Vec<String> = quick("s5-shape").axes.names_of(Axis::Mask);
+    assert_eq!(names, ["heuristic:8", "heuristic:9", "ideal:random:25", "ideal-elliptic:random:25"]);
+    assert_eq!(quick("fig3").axes.mask.len(), 5 + 4);
+}
+
+/// A density model above what the beads can tell says nothing about the difference of two masks.
+#[test]
+fn loose_estimates_have_no_difference_and_their_band_ends_at_the_entropy_bound() {
+    let place = tempfile::tempdir().unwrap();
+    let folder = begun(small(), place.path());
+    computed(&folder, Shard::default());
+    let states = folder.states().unwrap();
+    let figure = figure_of(folder.plan(), folder.cells(), &states);
+    let column = CSV_HEADER.iter().position(|name| *name == "first_mask_less_this").unwrap();
+    let mut loose = 0;
+    for (pair, row) in states.chunks(2).zip(rows(&folder).chunks(2)) {
+        let is_loose = pair.iter().any(|state| state.done().unwrap().estimate.as_ref().unwrap().above_ceiling());
+        assert_eq!(row[1][column].is_empty(), is_loose, "{row:?}");
+        loose += usize::from(is_loose);
+    }
+    assert!(loose > 0, "sparse beads");
+    for point in figure.panels[0].series.iter().flat_map(|series| &series.points) {
+        let ceiling = states[point.cell].done().unwrap().estimate.as_ref().unwrap().ceiling.unwrap();
+        assert_eq!(point.upper, ceiling.min(point.value));
+    }
 }
