@@ -226,6 +226,11 @@ impl Painter<'_> {
         for series in &panel.series {
             let colour = self.colour(&series.name);
             for run in bounded(&series.points) {
+                if let [point] = run {
+                    let bar = [(point.x, point.lower.unwrap_or(point.upper)), (point.x, point.upper)];
+                    chart.draw_series([PathElement::new(bar, colour.mix(0.3).stroke_width(6 * self.scale))])?;
+                    continue;
+                }
                 let upper = run.iter().map(|point| (point.x, point.upper));
                 let lower = run.iter().rev().map(|point| (point.x, point.lower.unwrap_or(point.upper)));
                 chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), colour.mix(0.18).filled())])?;
@@ -344,7 +349,7 @@ impl Painter<'_> {
 fn bounded(points: &[Point]) -> Vec<&[Point]> {
     points
         .chunk_by(|one, other| one.lower.is_some() == other.lower.is_some())
-        .filter(|run| run.len() > 1 && run[0].lower.is_some())
+        .filter(|run| run[0].lower.is_some())
         .collect()
 }
 
