@@ -6,9 +6,8 @@ use ndarray::ArrayView2;
 
 use super::channel::ColourChoice;
 use super::error::CameraError;
-use super::grey_values::GreyValues;
 use super::series::{FrameGroup, FrameSeries};
-use crate::formats::bits_of;
+use crate::formats::{GreyValues, bits_of};
 
 /// Frames of one group, reduced to temporal statistics of each pixel, row by row, in grey values (DN).
 #[derive(Clone, Debug)]

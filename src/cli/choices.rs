@@ -11,10 +11,9 @@ use clap::{Args, ValueEnum};
 
 use super::output;
 use crate::evaluation::{EvaluationError, MeasuredSource};
-use crate::forward::{Design, ForwardError, MaskSource};
+use crate::forward::{Design, ForwardError, MaskSource, OpenedMask};
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
-use crate::optics::Encoder;
 use crate::sensor::PatchSize;
 use crate::studies::PublishedSet;
 
@@ -25,11 +24,11 @@ pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
 
 /// Makes or reads the mask for the objects of a design, and reports how its file was understood. Without `grid` a preset has the
 /// grid of the design, and a file its own.
-pub fn open_mask(mask: &MaskSource, design: &Design, grid: Option<usize>) -> anyhow::Result<Encoder> {
+pub fn open_mask(mask: &MaskSource, design: &Design, grid: Option<usize>) -> anyhow::Result<OpenedMask> {
     let grid = grid.map(|side| (side, side)).or_else(|| mask.file().is_none().then(|| design.encoder.grid()));
     let opened = mask.mask(design.seed, &design.objects, grid)?;
     opened.notices.iter().for_each(output::report);
-    Ok(opened.encoder)
+    Ok(opened)
 }
 
 /// Reads the size of the objects from an argument: `256`, or rows x cols such as `256x320`.

@@ -25,7 +25,8 @@ pub struct DesignArgs {
     design: Option<PathBuf>,
 
     /// Mask: heuristic:1 to 9, random:COUNT, depth:1 to 5, diffuser:APERTURE, psf:FILE, fit:FILE (lenslets fitted to a PSF
-    /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file.
+    /// image), or design:FILE. FILE?key=psf&channel=green selects an array and a channel of a file;
+    /// FILE?dark=corners&window=auto&bin=25 makes a PSF of a photograph, as do the settings of a TOML file.
     #[arg(long, alias = "lenslets", value_name = "MASK", value_parser = mask_argument())]
     mask: Option<MaskSource>,
 
@@ -51,15 +52,26 @@ pub struct GridArg {
 
 impl GridArg {
     /// The design with this mask, if any, on this grid. Where no `field` is given, a smaller one is enlarged, with a report.
+    /// Returns the notices on the file of the mask, which are also reported.
     ///
     /// # Errors
     /// Where the grid is out of range or not one of the mask, or the mask cannot be read.
-    pub fn put_mask(&self, design: &mut Design, mask: Option<&MaskSource>, scene: &SceneArgs) -> anyhow::Result<()> {
+    pub fn put_mask(
+        &self,
+        design: &mut Design,
+        mask: Option<&MaskSource>,
+        scene: &SceneArgs,
+    ) -> anyhow::Result<Vec<String>> {
         if let Some(side) = self.grid {
             check_count("--grid", side, 1..=LensletArray::MAX_SIDE)?;
         }
+        let mut notices = Vec::new();
         design.encoder = match mask {
-            Some(mask) => open_mask(mask, design, self.grid)?,
+            Some(mask) => {
+                let opened = open_mask(mask, design, self.grid)?;
+                notices = opened.notices;
+                opened.encoder
+            }
             None => on_grid(design.encoder.clone(), self.grid.map(|side| (side, side)))?,
         };
         let room = design.clone().with_room();
@@ -70,8 +82,16 @@ impl GridArg {
             ));
             *design = room;
         }
-        Ok(())
+        Ok(notices)
     }
+}
+
+/// A design, and what is to be told of the file of its mask.
+pub struct NotedDesign {
+    /// The design.
+    pub design: Design,
+    /// Sentences about the file of the mask.
+    pub notices: Vec<String>,
 }
 
 /// The flag `--throughput`.
@@ -139,6 +159,11 @@ impl DesignArgs {
 
     /// The design of the flags, with objects and sensor replaced by those of `scene`.
     pub fn design(&self, scene: &SceneArgs) -> anyhow::Result<Design> {
+        Ok(self.noted_design(scene)?.design)
+    }
+
+    /// As [`DesignArgs::design`], with the notices on the file of the mask, which are also reported.
+    pub fn noted_design(&self, scene: &SceneArgs) -> anyhow::Result<NotedDesign> {
         let mut design = match &self.design {
             Some(path) => open_design(path)?,
             None => Design::default(),
@@ -147,10 +172,10 @@ impl DesignArgs {
             design.seed = seed;
         }
         scene.replace_in(&mut design);
-        self.grid.put_mask(&mut design, self.mask.as_ref(), scene)?;
+        let notices = self.grid.put_mask(&mut design, self.mask.as_ref(), scene)?;
         self.throughput.replace_in(&mut design);
         design.check()?;
-        Ok(design)
+        Ok(NotedDesign { design, notices })
     }
 }
 

@@ -3,13 +3,15 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use ndarray::Axis;
 use serde::Serialize;
 
 use super::choices::{check_folder, names_of};
-use super::design_args::{DesignArgs, SceneArgs, check_no_other};
+use super::design_args::{DesignArgs, NotedDesign, SceneArgs, check_no_other};
 use super::failure::Failure;
 use super::optimize_runs::RECORD;
 use super::output;
+use crate::optics::modulation_transfer;
 use crate::workbench::{Colormap, design_outputs, export_design};
 
 /// Arguments of `export`.
@@ -46,6 +48,13 @@ pub struct Exported {
     psf_rows: usize,
     /// Columns of the PSF, pixels.
     psf_cols: usize,
+    /// Mean modulation transfer above frequency 0, up to half the sampling rate of the pixels.
+    mean_mtf: f64,
+    /// Modulation below which the photograph of the PSF has noise alone; absent where it is not known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mtf_noise_floor: Option<f64>,
+    /// Sentences about the file of the mask.
+    notices: Vec<String>,
     /// Paths of the written files.
     files: Vec<String>,
 }
@@ -53,7 +62,7 @@ pub struct Exported {
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
-        let design = self.design.design(&self.scene)?;
+        let NotedDesign { design, notices } = self.design.noted_design(&self.scene)?;
         check_folder(&self.out)?;
         self.design.check_inputs_stay(&design_outputs(&self.out), &design)?;
         check_no_other(&self.out, &design, &[RECORD, "measurements.npy", "measurements.tiff"])?;
@@ -61,11 +70,19 @@ impl Arguments {
         let (psf_rows, psf_cols) = design.encoder.grid();
         let files = names_of(&files);
         let (encoder, throughput) = (design.encoder.describe(), design.encoder.throughput());
-        let result = Exported { encoder, throughput, psf_rows, psf_cols, files };
+        let mtf = modulation_transfer(design.psf(1)?.sum_axis(Axis(0)).view());
+        let mean_mtf = mtf.mean_below_nyquist();
+        let mtf_noise_floor = design.encoder.photograph().map(|quality| quality.noise_floor);
+        let mtf_noise_floor = mtf_noise_floor.filter(|floor| *floor > 0.0);
+        let result = Exported { encoder, throughput, psf_rows, psf_cols, mean_mtf, mtf_noise_floor, notices, files };
         if self.json {
             return output::print_json(&result);
         }
-        let mut lines = vec![format!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder)];
+        let floor = mtf_noise_floor.map_or_else(String::new, |floor| format!(", noise alone below {floor:.3}"));
+        let mut lines = vec![
+            format!("{}, PSF of {psf_rows} x {psf_cols} px", result.encoder),
+            format!("Mean MTF below Nyquist {mean_mtf:.3}{floor}"),
+        ];
         lines.extend(result.files);
         output::print(&lines.join("\n"))
     }

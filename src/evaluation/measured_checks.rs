@@ -4,9 +4,9 @@ use ndarray::{ArrayView3, Axis, s};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::camera::{GreyValues, Saturated, Wrapped};
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::pixel_calibration::Origins;
+use crate::formats::{GreyValues, Saturated, Wrapped};
 use crate::information::{Estimator, NoiseEntropy, Protocol, gaussian_entropy};
 use crate::sensor::Noise;
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, Array3, Axis};
 
-use crate::camera::{CalibratedCamera, ChosenFrames, ColourChoice, GreyValues};
+use crate::camera::{CalibratedCamera, ChosenFrames, ColourChoice};
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::measured::{LevelLimit, MeasuredImages};
 use crate::evaluation::measured_checks::{fixed_pattern_note, grey_notes};
@@ -13,7 +13,7 @@ use crate::evaluation::measured_source::MeasuredSource;
 use crate::evaluation::measured_view::View;
 use crate::evaluation::pixel_calibration::{Origins, PixelCalibration};
 use crate::evaluation::progress::{EstimateProgress, report_step, report_understood};
-use crate::formats::{FormatError, ImageSummary, bits_of, image_files};
+use crate::formats::{FormatError, GreyValues, ImageSummary, bits_of, image_files};
 use crate::progress::Progress;
 use crate::sensor::Noise;
 

@@ -3,6 +3,7 @@
 use ndarray::{Array3, Axis};
 
 use crate::evaluation::measured_error::MeasuredError;
+use crate::formats::turned;
 
 /// Part of the images that is estimated, and its orientation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -68,13 +69,7 @@ impl View {
             view.slice_axis_inplace(Axis(1), (crop.top..ends.0).into());
             view.slice_axis_inplace(Axis(2), (crop.left..ends.1).into());
         }
-        for _ in 0..self.quarter_turns % 4 {
-            view.swap_axes(1, 2);
-            view.invert_axis(Axis(1));
-        }
-        if self.is_mirrored {
-            view.invert_axis(Axis(2));
-        }
+        let view = turned(view, self.quarter_turns, self.is_mirrored);
         Ok(view.as_standard_layout().into_owned())
     }
 

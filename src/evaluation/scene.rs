@@ -113,6 +113,8 @@ pub struct Optics {
     pub image: Array2<f32>,
     /// MTF of all planes together.
     pub mtf: Mtf,
+    /// Its [mean below Nyquist](Mtf::mean_below_nyquist).
+    pub mean_mtf: f64,
     /// Number of lenslets that are neither dark nor coincident, and the number of equal lenslets that would spread the light alike.
     pub distinct_lenslets: Option<(usize, f64)>,
 }
@@ -129,7 +131,9 @@ impl Optics {
             let distinct = merged(array);
             (distinct.lenslets.len(), distinct.effective_count())
         });
-        Ok(Self { image: sum.mapv(|value| value as f32), mtf: modulation_transfer(sum.view()), distinct_lenslets, psf })
+        let mtf = modulation_transfer(sum.view());
+        let (image, mean_mtf) = (sum.mapv(|value| value as f32), mtf.mean_below_nyquist());
+        Ok(Self { psf, image, mtf, mean_mtf, distinct_lenslets })
     }
 }
 

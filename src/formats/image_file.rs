@@ -1,7 +1,7 @@
 //! The file or folder of a path, with its meaning as stated in the path: `FILE?axis=last&key=psf`.
 
 use std::ffi::OsStr;
-use std::fmt::Write;
+use std::fmt::{self, Write};
 use std::path::{Path, PathBuf};
 
 use super::FormatError;
@@ -46,6 +46,27 @@ pub enum Channel {
     Number(usize),
 }
 
+impl Channel {
+    /// Channels with a name.
+    const NAMES: [(Self, &'static str); 5] = [
+        (Self::Red, "red"),
+        (Self::Green, "green"),
+        (Self::Blue, "blue"),
+        (Self::Alpha, "alpha"),
+        (Self::Luma, "luma"),
+    ];
+}
+
+impl fmt::Display for Channel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self, Self::NAMES.iter().find(|(channel, _)| channel == self)) {
+            (_, Some((_, name))) => formatter.write_str(name),
+            (Self::Number(number), None) => write!(formatter, "{number}"),
+            _ => Ok(()),
+        }
+    }
+}
+
 /// Interpretation of a file where the file itself does not state it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Meaning {
@@ -60,41 +81,86 @@ pub struct Meaning {
 }
 
 impl Meaning {
-    /// Reads `axis=last&key=psf`. The error is the part that is not understood.
-    fn parse(query: &[u8]) -> Result<Self, String> {
+    /// Reads options such as `axis=last` and `key=psf`. The error is the option that is not understood.
+    ///
+    /// # Errors
+    /// The first option of an unknown name or value, as text.
+    pub fn of(options: &[PathOption]) -> Result<Self, String> {
         let mut meaning = Self::default();
-        for part in query.split(|&byte| byte == b'&').filter(|part| !part.is_empty()) {
-            let wrong = || String::from_utf8_lossy(part).into_owned();
-            let mut halves = part.splitn(2, |&byte| byte == b'=');
-            let (name, value) = (halves.next().unwrap_or_default(), halves.next().ok_or_else(wrong)?);
-            let value = String::from_utf8(percent_decoded(value)).map_err(|_| wrong())?;
+        for option in options {
+            let wrong = || option.to_string();
+            let value = option.value.as_str();
             let number = || value.parse::<usize>().ok().filter(|&number| number > 0);
-            match name {
-                b"axis" => {
-                    let axis = match value.as_str() {
+            match option.name.as_str() {
+                "axis" => {
+                    let axis = match value {
                         "first" => Some(FrameAxis::Number(1)),
                         "last" => Some(FrameAxis::Last),
                         _ => number().map(FrameAxis::Number),
                     };
                     meaning.axis = Some(axis.ok_or_else(wrong)?);
                 }
-                b"key" if !value.is_empty() => meaning.key = Some(value),
-                b"channel" => {
-                    let channel = match value.as_str() {
-                        "red" => Some(Channel::Red),
-                        "green" => Some(Channel::Green),
-                        "blue" => Some(Channel::Blue),
-                        "alpha" => Some(Channel::Alpha),
-                        "luma" => Some(Channel::Luma),
-                        _ => number().map(Channel::Number),
-                    };
+                "key" if !value.is_empty() => meaning.key = Some(value.to_owned()),
+                "channel" => {
+                    let named = Channel::NAMES.iter().find(|(_, name)| *name == value);
+                    let channel = named.map(|(channel, _)| *channel).or(number().map(Channel::Number));
                     meaning.channel = Some(channel.ok_or_else(wrong)?);
                 }
-                b"frame" => meaning.frame = Some(number().ok_or_else(wrong)?),
+                "frame" => meaning.frame = Some(number().ok_or_else(wrong)?),
                 _ => return Err(wrong()),
             }
         }
         Ok(meaning)
+    }
+
+    /// The options that [`Meaning::of`] reads back.
+    pub fn options(&self) -> Vec<PathOption> {
+        let axis = self.axis.map(|axis| match axis {
+            FrameAxis::Number(number) => PathOption::new("axis", number),
+            FrameAxis::Last => PathOption::new("axis", "last"),
+        });
+        let key = self.key.as_ref().map(|key| PathOption::new("key", key));
+        let channel = self.channel.map(|channel| PathOption::new("channel", channel));
+        let frame = self.frame.map(|frame| PathOption::new("frame", frame));
+        [axis, key, channel, frame].into_iter().flatten().collect()
+    }
+}
+
+/// An option after the `?` of a path, written `name=value`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PathOption {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: String,
+}
+
+impl PathOption {
+    /// An option of a name and a value.
+    pub fn new(name: &str, value: impl fmt::Display) -> Self {
+        Self { name: name.to_owned(), value: value.to_string() }
+    }
+
+    /// Splits `name=value`, with `%XX` for bytes of the value. The error is the text.
+    fn parse(part: &[u8]) -> Result<Self, String> {
+        let wrong = || String::from_utf8_lossy(part).into_owned();
+        let mut halves = part.splitn(2, |&byte| byte == b'=');
+        let (name, value) = (halves.next().unwrap_or_default(), halves.next().ok_or_else(wrong)?);
+        let name = String::from_utf8(name.to_vec()).map_err(|_| wrong())?;
+        Ok(Self { name, value: String::from_utf8(percent_decoded(value)).map_err(|_| wrong())? })
+    }
+}
+
+impl fmt::Display for PathOption {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}=", self.name)?;
+        for letter in self.value.chars() {
+            match letter {
+                '%' | '?' | '&' | '@' => write!(formatter, "%{:02X}", u32::from(letter))?,
+                letter => formatter.write_char(letter)?,
+            }
+        }
+        Ok(())
     }
 }
 
@@ -117,20 +183,34 @@ impl ImageFile {
     /// [`FormatError::NotFound`] where there is no such file. [`FormatError::Malformed`] where the file exists and its
     /// meaning is not understood.
     pub fn find(named: &Path) -> Result<Self, FormatError> {
-        let exact = |path: PathBuf| Self { path, meaning: Meaning::default() };
+        Ok(Self::find_with(named, &[])?.0)
+    }
+
+    /// As [`ImageFile::find`]. Options of the names `others` are returned as they are, in their order.
+    ///
+    /// # Errors
+    /// As [`ImageFile::find`].
+    pub fn find_with(named: &Path, others: &[&str]) -> Result<(Self, Vec<PathOption>), FormatError> {
+        let exact = |path: PathBuf| (Self { path, meaning: Meaning::default() }, Vec::new());
         if named.symlink_metadata().is_ok() {
             return Ok(exact(named.to_path_buf()));
         }
         let bytes = named.as_os_str().as_encoded_bytes();
         if let Some(mark) = bytes.iter().rposition(|&byte| byte == b'?') {
             let (place, query) = (&bytes[..mark], &bytes[mark + 1..]);
-            let meaning = Meaning::parse(query);
+            let choices = || [&[CHOICES], others].concat().join(", ");
+            let parts = query.split(|&byte| byte == b'&').filter(|part| !part.is_empty()).map(PathOption::parse);
+            let meaning = parts.collect::<Result<Vec<_>, _>>().and_then(|options| {
+                let (others, own): (Vec<_>, Vec<_>) =
+                    options.into_iter().partition(|option| others.contains(&option.name.as_str()));
+                Ok((Meaning::of(&own)?, others))
+            });
             let found = [path_of(place.to_vec()), path_of(percent_decoded(place))].into_iter().flatten();
             return match (found.into_iter().find(|path| path.symlink_metadata().is_ok()), meaning) {
-                (Some(path), Ok(meaning)) => Ok(Self { path, meaning }),
+                (Some(path), Ok((meaning, others))) => Ok((Self { path, meaning }, others)),
                 (Some(path), Err(part)) => Err(FormatError::malformed(
                     &path,
-                    format!("{CHOICES} after the ?"),
+                    format!("{} after the ?", choices()),
                     format!("{part:?}"),
                     "write & between several and %26 for an & in a name",
                 )),
@@ -231,13 +311,26 @@ mod tests {
 
     #[test]
     fn options_are_read_and_mistakes_named() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let find = |query: &str, others: &[&str]| {
+            ImageFile::find_with(Path::new(&format!("{}?{query}", file.path().display())), others)
+        };
         let green = meaning(Some(FrameAxis::Last), Some("a&b"), Some(Channel::Green), None);
-        assert_eq!(Meaning::parse(b"axis=last&key=a%26b&channel=green"), Ok(green));
         let numbers = meaning(Some(FrameAxis::Number(3)), None, Some(Channel::Number(2)), Some(7));
-        assert_eq!(Meaning::parse(b"frame=7&axis=3&channel=2&"), Ok(numbers));
-        for wrong in ["axis=0", "axis=middle", "key=", "channel=pink", "frame=-1", "frame=1.5", "colour=red", "axis"] {
-            assert_eq!(Meaning::parse(format!("frame=1&{wrong}").as_bytes()), Err(wrong.to_owned()));
+        for (query, expected) in [("axis=last&key=a%26b&channel=green", green), ("frame=7&axis=3&channel=2&", numbers)]
+        {
+            let (found, _) = find(query, &[]).unwrap();
+            assert_eq!(found.meaning, expected);
+            assert_eq!(Meaning::of(&expected.options()), Ok(expected), "the options are read back");
         }
+        for wrong in ["axis=0", "axis=middle", "key=", "channel=pink", "frame=-1", "frame=1.5", "colour=red", "axis"] {
+            let error = find(&format!("frame=1&{wrong}"), &["dark"]).unwrap_err().to_string();
+            assert!(error.contains(&format!("or frame=NUMBER, dark after the ?, found {wrong:?}")), "{error}");
+        }
+        let (found, others) = find("dark=a%26b&frame=2&window=auto", &["dark", "window"]).unwrap();
+        assert_eq!(found.meaning.frame, Some(2));
+        assert_eq!(others, [PathOption::new("dark", "a&b"), PathOption::new("window", "auto")]);
+        assert_eq!(others[0].to_string(), "dark=a%26b");
     }
 
     #[test]

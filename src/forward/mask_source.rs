@@ -9,12 +9,12 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::formats::{ImageFile, path_text, split_kind, text_form};
+use crate::formats::{path_text, split_kind, text_form};
 use crate::forward::{Design, DesignFileError};
 use crate::objects::ObjectSource;
 use crate::optics::{
-    Diffuser, Encoder, LensletArray, LensletFitError, PsfError, depth_layout, fit_lenslets, heuristic_layout,
-    import_psf, psf_file, random_layout,
+    Diffuser, Encoder, LensletArray, LensletFitError, PsfError, PsfPhotograph, depth_layout, fit_lenslets,
+    heuristic_layout, import_psf, psf_file, random_layout,
 };
 
 const CHOICES: &str =
@@ -45,7 +45,8 @@ pub enum MaskSource {
     /// `diffuser:32`: a diffuser behind a square aperture of this side in pixels, drawn with the seed of the design. The
     /// aperture blocks the light outside.
     Diffuser(usize),
-    /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`).
+    /// `psf:FILE`, resampled to the given side in pixels (also written `psf:FILE@32`). The path may hold options of the
+    /// import: see [`PsfImportOptions`](crate::optics::PsfImportOptions).
     Psf(PathBuf, Option<usize>),
     /// `fit:FILE`: lenslets fitted to the PSF image, resampled as for `psf:`.
     Fit(PathBuf, Option<usize>),
@@ -144,7 +145,7 @@ impl MaskSource {
     pub fn file(&self) -> Option<PathBuf> {
         match self {
             Self::Psf(path, _) | Self::Fit(path, _) => {
-                Some(ImageFile::find(path).map_or_else(|_| path.clone(), |file| file.path))
+                Some(PsfPhotograph::find(path).map_or_else(|_| path.clone(), |photograph| photograph.file.path))
             }
             Self::Design(path) => Some(path.clone()),
             Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
@@ -208,9 +209,9 @@ fn planes_of(objects: &ObjectSource) -> usize {
 
 /// The PSF of an image file.
 fn image_of(path: &Path, side: Option<usize>) -> Result<OpenedMask, MaskError> {
-    let (image, understood) = import_psf(path, side)?;
-    let notices = vec![format!("{}: {understood}", image.origin)];
-    Ok(OpenedMask { encoder: Encoder::Image(image), notices })
+    let imported = import_psf(path, side)?;
+    let notices = imported.notices();
+    Ok(OpenedMask { encoder: Encoder::Image(imported.image), notices })
 }
 
 impl FromStr for MaskSource {
@@ -253,6 +254,10 @@ mod tests {
             ("psf:a/b.npy", MaskSource::Psf("a/b.npy".into(), None)),
             ("psf:me@lab/psf.npy", MaskSource::Psf("me@lab/psf.npy".into(), None)),
             ("psf:a@b.png@48", MaskSource::Psf("a@b.png".into(), Some(48))),
+            (
+                "psf:a.tif?dark=corners&window=1,2,3,4@32",
+                MaskSource::Psf("a.tif?dark=corners&window=1,2,3,4".into(), Some(32)),
+            ),
             ("depth:3", MaskSource::Depth(3)),
             ("diffuser:16", MaskSource::Diffuser(16)),
             ("design:a.json", MaskSource::Design("a.json".into())),

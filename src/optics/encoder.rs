@@ -52,11 +52,24 @@ pub struct PsfImage {
     pub throughput: f64,
     /// File name, or another name.
     pub origin: String,
+    /// Quality of the photograph that it was made of, if it was.
+    pub photograph: Option<PhotographQuality>,
+}
+
+/// Quality of the photograph of a PSF.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct PhotographQuality {
+    /// MTF below which there is noise alone; 0 where it is not known.
+    pub noise_floor: f64,
+    /// Share of saturated pixels.
+    pub saturated_share: f64,
 }
 
 impl fmt::Debug for PsfImage {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { psf, origin, throughput } = self;
+        // Saved work is found by this format, which knew no photographs.
+        let Self { psf, origin, throughput, photograph: _ } = self;
         let mut shown = formatter.debug_struct("PsfImage");
         finish_debug(shown.field("psf", psf).field("origin", origin), *throughput)
     }
@@ -172,6 +185,14 @@ impl Encoder {
         }
     }
 
+    /// Quality of the photograph that the PSF was made of, if it was.
+    pub fn photograph(&self) -> Option<PhotographQuality> {
+        match self {
+            Self::Image(image) => image.photograph,
+            Self::Lenslets(_) | Self::Diffuser(_) => None,
+        }
+    }
+
     /// Description in one line, with the throughput where it is not 1.
     pub fn describe(&self) -> String {
         let mask = self.describe_mask();
@@ -209,12 +230,15 @@ struct PsfImageRecord {
     /// Sum of the PSF after this scaling, more than 0 and at most 1; 1 where absent.
     #[serde(default = "unit", skip_serializing_if = "is_unit")]
     throughput: f64,
+    /// Quality of the photograph that it was made of, if it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    photograph: Option<PhotographQuality>,
 }
 
 impl From<PsfImage> for PsfImageRecord {
     fn from(image: PsfImage) -> Self {
         let psf = image.psf.rows().into_iter().map(|row| row.to_vec()).collect();
-        Self { origin: image.origin, psf, throughput: image.throughput }
+        Self { origin: image.origin, psf, throughput: image.throughput, photograph: image.photograph }
     }
 }
 
@@ -230,7 +254,8 @@ impl TryFrom<PsfImageRecord> for PsfImage {
         let values = record.psf.into_iter().flatten().collect();
         let image = Array2::from_shape_vec((rows, cols), values).map_err(|error| error.to_string())?;
         let psf = normalised_psf(image, &record.origin).map_err(|error: PsfError| error.to_string())?;
-        Ok(Self { psf, origin: record.origin, throughput: record.throughput })
+        let PsfImageRecord { origin, throughput, photograph, .. } = record;
+        Ok(Self { psf, throughput, origin, photograph })
     }
 }
 
@@ -243,10 +268,11 @@ mod tests {
     fn every_encoder_returns_from_json_as_it_went() {
         let image = Array2::from_shape_fn((5, 7), |(row, col)| (row * 7 + col) as f32 / 3.0);
         let psf = normalised_psf(image, "x").unwrap();
+        let photograph = Some(PhotographQuality { noise_floor: 0.01, saturated_share: 0.0 });
         for encoder in [
             Encoder::Lenslets(heuristic_layout(9)),
             Encoder::Diffuser(Diffuser::with_light_kept(16, 3)),
-            Encoder::Image(PsfImage { psf, origin: "camera.tiff".into(), throughput: 1.0 }),
+            Encoder::Image(PsfImage { psf, origin: "camera.tiff".into(), throughput: 1.0, photograph }),
         ] {
             for throughput in [1.0, 0.3] {
                 let encoder = encoder.clone().with_throughput(throughput);
@@ -287,7 +313,7 @@ mod tests {
             "Diffuser { aperture_px: 16, seed: 3, throughput: 0.5 }"
         );
         let psf = Array2::ones((1, 1));
-        let image = PsfImage { psf, origin: "a".into(), throughput: 1.0 };
+        let image = PsfImage { psf, origin: "a".into(), throughput: 1.0, photograph: None };
         assert!(format!("{image:?}").ends_with("origin: \"a\" }"), "{image:?}");
         let array = LensletArray::new(3, 4, Vec::new());
         assert_eq!(format!("{array:?}"), "LensletArray { rows: 3, cols: 4, lenslets: [] }");

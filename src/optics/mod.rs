@@ -12,8 +12,11 @@ mod throughput;
 
 pub use diffuser::{DIFFUSER_APERTURES, Diffuser};
 pub(crate) use encoder::MASK_DOCUMENT_VERSION;
-pub use encoder::{Encoder, PsfImage};
-pub use import::{PsfError, import_psf, normalised_psf, psf_file};
+pub use encoder::{Encoder, PhotographQuality, PsfImage};
+pub use import::{
+    BlackLevel, CornerLevel, ImportedPsf, NegativePixels, PhotographPixels, PixelRectangle, PsfDark, PsfError,
+    PsfImportOptions, PsfImportReport, PsfPhotograph, PsfScale, PsfWindow, import_psf, normalised_psf, psf_file,
+};
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
 pub use lenslet_fit::{FittedLenslets, LensletFitError, fit_lenslets};
 pub use lenslets::{Lenslet, LensletArray, LensletError, Limits, Spot};

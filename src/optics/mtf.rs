@@ -15,6 +15,24 @@ pub struct Mtf {
     pub vertical: Vec<[f64; 2]>,
 }
 
+impl Mtf {
+    /// Mean modulation over all sampled frequencies above 0 and up to half the sampling rate in any direction (Nyquist).
+    /// It compares masks and photographs of one pixel size. 0 for a PSF of one pixel.
+    pub fn mean_below_nyquist(&self) -> f64 {
+        let (rows, cols) = self.map.dim();
+        let frequency = |index: usize, length: usize| (index as f64 - (length / 2) as f64) / length as f64;
+        let (mut sum, mut count) = (0.0, 0_usize);
+        for ((row, col), &modulation) in self.map.indexed_iter() {
+            let radius = frequency(row, rows).hypot(frequency(col, cols));
+            if radius > 0.0 && radius <= 0.5 {
+                sum += f64::from(modulation);
+                count += 1;
+            }
+        }
+        sum / count.max(1) as f64
+    }
+}
+
 /// The modulation transfer function of a PSF, shape (rows, cols), sampled at the PSF's own frequencies.
 ///
 /// A PSF without light has modulation 0 everywhere.
@@ -68,6 +86,24 @@ mod tests {
         assert!((mtf.map[(32, 24)] - 1.0).abs() < 1e-6);
         assert!((f64::from(mtf.map[(32, 25)]) - mtf.horizontal[1][1]).abs() < 1e-6);
         assert!((f64::from(mtf.map[(33, 24)]) - mtf.vertical[1][1]).abs() < 1e-6);
+    }
+
+    /// The mean of exp(-2 pi^2 sigma^2 f^2) over the disk |f| <= 1/2 is (1 - exp(-a/4)) 4 / a, a = 2 pi^2 sigma^2.
+    #[test]
+    fn mean_of_a_gaussian_is_that_of_its_closed_form() {
+        let psf = |side: usize| {
+            let mut array = heuristic_layout(1);
+            (array.rows, array.cols) = (side, side);
+            array.lenslets[0] = Lenslet::round(side as f64 / 2.0, side as f64 / 2.0, 0.8, 1.0);
+            render_psf(&array, 1).unwrap().index_axis_move(Axis(0), 0)
+        };
+        let a = 2.0 * (std::f64::consts::PI * 0.8).powi(2);
+        let expected = (1.0 - (-a / 4.0).exp()) * 4.0 / a;
+        for side in [32, 45, 128] {
+            let mean = modulation_transfer(psf(side).view()).mean_below_nyquist();
+            assert!((mean / expected - 1.0).abs() < 0.02, "{side}: {mean} {expected}");
+        }
+        assert_eq!(modulation_transfer(Array2::ones((1, 1)).view()).mean_below_nyquist(), 0.0);
     }
 
     /// Two equal points d pixels apart: |cos(pi d f)|.

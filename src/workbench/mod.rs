@@ -24,6 +24,7 @@ pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
 pub use document::file_preview::{FilePreview, FileUse, with_option};
+pub use document::psf_preview::{PsfPreview, PsfPreviewRequest, PsfPreviewer};
 pub use document::samples::{SAMPLES, Sample};
 pub use estimates::files::{EstimateOrder, FinishedEstimate};
 pub use estimates::queue::{Estimates, RunningEstimate};

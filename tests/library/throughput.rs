@@ -31,7 +31,7 @@ fn mean_measurement_is_throughput_times_light_plus_background() {
     for encoder in [
         Encoder::Lenslets(heuristic_layout(3)),
         Encoder::Diffuser(Diffuser::with_light_kept(16, 1)),
-        Encoder::Image(PsfImage { psf, origin: "psf".into(), throughput: 1.0 }),
+        Encoder::Image(PsfImage { psf, origin: "psf".into(), throughput: 1.0, photograph: None }),
     ] {
         let whole = mean_light(&design(encoder.clone(), "beads:0.02"));
         let dim = design(encoder.with_throughput(0.3), "beads:0.02");

@@ -14,6 +14,13 @@ fn type_path(window: &mut Window, path: &Path) {
     window.run_steps(2);
 }
 
+/// Waits until an imported PSF is the mask, and its numbers are there.
+pub fn wait_for_image(window: &mut Window) {
+    let is_image = |window: &Window| matches!(studio(window).session().design().encoder, Encoder::Image(_));
+    wait_for(window, "the imported PSF", is_image);
+    settle(window);
+}
+
 fn is_shown(window: &Window, part: &str) -> bool {
     window.query_all_by_label_contains(part).next().is_some()
 }
@@ -62,8 +69,9 @@ fn psf_path_takes_resampling_option() {
     menu(&mut window, &["File", "Import PSF..."]);
     type_path(&mut window, Path::new(&format!("{}@32", path.display())));
     wait_for(&mut window, "the preview", |window| is_shown(window, "1 image of 64 x 64 px"));
+    window.get_by_label("PSF of 32 x 32 px");
     click(&mut window, "Import");
-    settle(&mut window);
+    wait_for_image(&mut window);
     assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (32, 32));
 }
 
@@ -115,8 +123,8 @@ fn dropped_files_are_opened() {
     lenslet_studio::formats::write_array(&image, spot.view()).unwrap();
     drop(&mut window, image);
     click(&mut window, "As PSF");
-    settle(&mut window);
-    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
+    click(&mut window, "Import");
+    wait_for_image(&mut window);
     assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (16, 16));
 }
 
@@ -146,8 +154,8 @@ fn unused_dropped_files_are_named() {
     drop(&mut window, &images[2..5]);
     window.get_by_label_contains("Only 2.npy can be used");
     click(&mut window, "2.npy as PSF");
-    settle(&mut window);
-    assert!(matches!(studio(&window).session().design().encoder, Encoder::Image(_)));
+    click(&mut window, "Import");
+    wait_for_image(&mut window);
     menu(&mut window, &["View", "Messages"]);
     assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());
     // A window holds one design.

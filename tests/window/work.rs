@@ -111,6 +111,7 @@ fn stale_numbers_are_marked_and_not_exported() {
     assert!(can_export(&window) && !is_stale(&window));
     click(&mut window, "Import PSF...");
     answer(&mut window, &file, "Import");
+    super::files::wait_for_image(&mut window);
     let live = studio(&window).session().live();
     let (revision, failure) = live.failure.unwrap();
     assert_eq!(revision, studio(&window).session().revision(), "{failure}");
@@ -139,6 +140,7 @@ fn lenslets_are_fitted_to_imported_psf() {
     assert!(window.get_by_label("Fit lenslets to this PSF").accesskit_node().is_disabled(), "it has lenslets");
     click(&mut window, "Import PSF...");
     answer(&mut window, &file, "Import");
+    super::files::wait_for_image(&mut window);
     settle(&mut window);
     assert!(lenslets(&window).is_empty());
     menu(&mut window, &["Presets", "Fit lenslets to this PSF"]);

@@ -19,7 +19,7 @@ fn estimates_of_psf_images_that_differ_in_one_pixel_have_different_keys() {
     let mut psf = Array2::<f32>::zeros((64, 64));
     psf[[1, 1]] = 1.0;
     let design = |psf: &Array2<f32>| Design {
-        encoder: Encoder::Image(PsfImage { psf: psf.clone(), origin: "psf".into(), throughput: 1.0 }),
+        encoder: Encoder::Image(PsfImage { psf: psf.clone(), origin: "psf".into(), throughput: 1.0, photograph: None }),
         ..Design::default()
     };
     let key = |psf: &Array2<f32>| content_key(&json_of(&design(psf)));

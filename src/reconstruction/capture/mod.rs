@@ -8,17 +8,16 @@ mod noise;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use ndarray::{Array, Array2, Array3, ArrayView, ArrayView2, Axis, Dimension, s};
+use ndarray::{Array, Array2, Array3, ArrayView, Axis, Dimension, s};
 use thiserror::Error;
 
 use crate::formats::{Channel, FormatError, ImageFile, ImageSummary, PixelStack};
+use crate::optics::CornerLevel;
 use crate::sensor::Noise;
 use noise::SensorNoise;
 
 /// Longest side of a capture after binning, px.
 const LONGEST_SIDE_PX: usize = 4096;
-/// Share of each side that a corner of the PSF takes, from which its background is read.
-const CORNER_SHARE: usize = 16;
 /// Pixels at the largest value, and share of all, from which on they are saturated.
 const SATURATED_PIXELS: usize = 16;
 const SATURATED_SHARE: f64 = 1e-4;
@@ -243,7 +242,7 @@ impl CaptureFiles {
         let level = match (&self.dark, &dark) {
             (Some(DarkLevel::Constant(level)), _) => *level,
             (_, Some(dark)) => dark.iter().map(|&value| f64::from(value)).sum::<f64>() / dark.len() as f64,
-            _ => corner_level(spread.index_axis(Axis(0), 0)),
+            _ => CornerLevel::of(spread.index_axis(Axis(0), 0)).median,
         };
         if self.dark.is_none() && level != 0.0 {
             notices.push(format!("{psf_path}: dark level of {level} from the corners of the PSF; --dark sets another"));
@@ -323,19 +322,6 @@ fn mark_saturated(images: &mut Array3<f32>) -> Option<(f64, f32)> {
     }
     images.mapv_inplace(|value| if value == top { f32::NAN } else { value });
     Some((share, top))
-}
-
-/// Median of the four corners of an image.
-fn corner_level(image: ArrayView2<'_, f32>) -> f64 {
-    let (rows, cols) = image.dim();
-    let (height, width) = (rows.div_ceil(CORNER_SHARE), cols.div_ceil(CORNER_SHARE));
-    let corners = [(0, 0), (0, cols - width), (rows - height, 0), (rows - height, cols - width)];
-    let mut values: Vec<f32> = corners
-        .into_iter()
-        .flat_map(|(row, col)| image.slice(s![row..row + height, col..col + width]).iter().copied().collect::<Vec<_>>())
-        .collect();
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).map_or(0.0, |&value| f64::from(value))
 }
 
 fn subtract(images: &mut Array3<f32>, dark: Option<&Array2<f32>>, level: f64) {

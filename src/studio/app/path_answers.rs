@@ -31,10 +31,7 @@ impl State {
             PathPurpose::ExportCapture { object, measurement } => {
                 Job::ExportCapture { object, measurement, folder: path }
             }
-            PathPurpose::ImportPsf => {
-                let side = Some(question.resample).filter(|&side| side > 0);
-                return self.session.import_psf(path, side);
-            }
+            PathPurpose::SavePsfSettings(photograph) => Job::SavePsfSettings { photograph, path },
             PathPurpose::KeepUnsaved => {
                 return self.move_unsaved(Some(std::path::absolute(&path).unwrap_or(path)));
             }

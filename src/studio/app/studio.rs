@@ -19,7 +19,7 @@ use crate::studio::canvas::pan_zoom::CLICK_REACH;
 use crate::studio::dialogs::confirm_discard::{self, AtStake};
 use crate::studio::dialogs::dropped_files::{self, Dropped};
 use crate::studio::dialogs::settings_dialogs::{self, Environment};
-use crate::studio::dialogs::{capture, palette, path_dialog, recovery, welcome};
+use crate::studio::dialogs::{capture, palette, path_dialog, psf_import, recovery, welcome};
 use crate::studio::panels::status_bar::{self, FrameTimes, StatusBar};
 use crate::studio::panels::{jobs, messages, preview_banner};
 use crate::studio::state::action::Action;
@@ -353,6 +353,10 @@ impl Studio {
         let activities = self.state.session.activities();
         self.dialog(ctx, |parts, requests| jobs::show(ctx, &mut parts.dialogs.jobs_open, &activities, requests));
         self.dialog(ctx, |parts, requests| capture::show(ctx, &mut parts.dialogs.capture, &parts.view, requests));
+        self.dialog(ctx, |parts, requests| {
+            let is_covered = parts.dialogs.path.is_open();
+            psf_import::show(ctx, &mut parts.dialogs.psf_import, is_covered, parts.view.palettes, requests);
+        });
         self.dialog(ctx, |parts, requests| path_dialog::show(ctx, &mut parts.dialogs.path, parts.view.path, requests));
         self.dialog(ctx, |parts, requests| palette::show(ctx, &mut parts.dialogs.palette, &parts.view, requests));
         let (renderer, folder) = (self.state.renderer, self.state.folder.clone());
@@ -447,17 +451,16 @@ fn sync_run(state: &mut State) {
 
 /// Loads the outcome of a job and reports it.
 fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
+    let notices = outcome.as_ref().map_or(&[][..], Outcome::notices);
+    for notice in notices {
+        state.messages.push(Severity::Notice, notice);
+    }
     match outcome {
         Ok(Outcome::Opened { path, .. }) => {
             state.panels.selection.clear();
             state.preferences.remember(path);
         }
         Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
-        Ok(Outcome::ObjectsOpened { notices, .. }) => {
-            for notice in notices {
-                state.messages.push(Severity::Notice, notice);
-            }
-        }
         Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.panels.selection.clear(),
         Ok(Outcome::Exported { .. }) => state.dialogs.onboarding.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
@@ -466,7 +469,13 @@ fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
                 state.messages.push(Severity::Failure, sentence);
             }
         }
-        Ok(Outcome::RecordKept { .. } | Outcome::NetworkOpened { .. } | Outcome::NetworkExported { .. }) | Err(_) => {}
+        Ok(
+            Outcome::ObjectsOpened { .. }
+            | Outcome::RecordKept { .. }
+            | Outcome::NetworkOpened { .. }
+            | Outcome::NetworkExported { .. },
+        )
+        | Err(_) => {}
     }
     if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
         // A later success makes the failure message obsolete.

@@ -101,7 +101,7 @@ impl Dropped {
                     if others.is_empty() { "As PSF".to_owned() } else { format!("{} as PSF", file_name(Some(first))) };
                 if ui.button(text).clicked() {
                     requests.extend(unused_notice(first, others));
-                    requests.push(Request::ImportPsf(self.text.clone().into()));
+                    requests.push(Request::OpenPsf(self.text.clone()));
                     answered = true;
                 }
                 answered |= ui.button("Cancel").clicked() || ui.input(|input| input.key_pressed(egui::Key::Escape));

@@ -14,11 +14,10 @@ use crate::studio::state::path_dialog::{Answer, PathDialog, PathPurpose, PathQue
 use crate::studio::state::request::Request;
 use crate::studio::widgets::controls::{name_widget, speak};
 use crate::studio::widgets::modal;
-use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::MeasurementFormat;
 
 /// Message if the system has no file dialog.
-const NO_DIALOG: &str =
+pub const NO_DIALOG: &str =
     "This system has no file dialog: neither a desktop portal nor zenity answers. Type the path above.";
 
 /// Shows the open question. `own` is the file of the design.
@@ -79,26 +78,11 @@ pub fn show(ctx: &egui::Context, dialog: &mut PathDialog, own: Option<&Path>, re
             speak(&asked, Live::Assertive);
             action = "Replace";
         }
-        match question.purpose {
-            PathPurpose::ImportPsf => {
-                ui.horizontal(|ui| {
-                    let mut resample = question.resample > 0;
-                    if ui.checkbox(&mut resample, "Resample the central square to").changed() {
-                        question.resample = if resample { 32 } else { 0 };
-                    }
-                    if resample {
-                        let field = NumberField::whole("Resampled side", 4..=1024).unit(" px");
-                        field.edit_whole(ui, &mut question.resample);
-                    }
-                });
-            }
-            PathPurpose::ExportMeasurements => {
-                ui.horizontal(|ui| {
-                    ui.radio_value(&mut question.format, MeasurementFormat::Npy, "NPY");
-                    ui.radio_value(&mut question.format, MeasurementFormat::Tiff, "TIFF, 32-bit float");
-                });
-            }
-            _ => {}
+        if matches!(question.purpose, PathPurpose::ExportMeasurements) {
+            ui.horizontal(|ui| {
+                ui.radio_value(&mut question.format, MeasurementFormat::Npy, "NPY");
+                ui.radio_value(&mut question.format, MeasurementFormat::Tiff, "TIFF, 32-bit float");
+            });
         }
         ui.add_space(8.0);
         ui.horizontal(|ui| {

@@ -2,10 +2,10 @@
 //! spectrum of the measurement.
 
 use egui::Ui;
-use egui_plot::{Corner, Legend, Line, Plot, PlotPoints};
+use egui_plot::{Corner, HLine, Legend, Line, Plot, PlotPoints};
 
 use crate::evaluation::Optics;
-use crate::optics::Mtf;
+use crate::optics::{Mtf, PhotographQuality};
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion, ImageView};
 use crate::studio::canvas::overlays::PixelSize;
 use crate::studio::canvas::pan_zoom::PointerMode;
@@ -15,6 +15,7 @@ use crate::studio::state::mtf_and_map::{MtfMode, MtfState};
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::view::View;
+use crate::studio::widgets::colours::ENTROPY_BOUND;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::{Curve, Revisioned};
 
@@ -52,7 +53,11 @@ pub fn show(ui: &mut Ui, state: &mut MtfState, view: &View<'_>, requests: &mut V
         }
     });
     match state.mode {
-        MtfMode::Cuts => cuts(ui, mtf, view.design.pixel_pitch_um),
+        MtfMode::Cuts => {
+            let photograph = view.design.encoder.photograph();
+            mean(ui, optics, photograph);
+            cuts(ui, mtf, view.design.pixel_pitch_um, photograph.map(|quality| quality.noise_floor));
+        }
         MtfMode::Map => show_map(ui, &mut state.image, optics, view, requests),
         MtfMode::Spectrum => spectrum_plot::show(ui, view, requests),
     }
@@ -93,7 +98,21 @@ fn show_map(
     image_menu::show(ui, map, &menu, requests, |_, _, _| {});
 }
 
-fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>) {
+/// The mean modulation, and what a photograph limits.
+fn mean(ui: &mut Ui, optics: &Revisioned<Optics>, photograph: Option<PhotographQuality>) {
+    ui.horizontal_wrapped(|ui| {
+        let mean = ui.label(format!("Mean MTF below Nyquist {:.3}", optics.value.mean_mtf));
+        mean.on_hover_text("Mean over all frequencies above 0, up to half the sampling rate of the pixels");
+        if let Some(PhotographQuality { saturated_share, .. }) = photograph
+            && saturated_share > 0.0
+        {
+            let text = format!("{:.2} % of the photograph is saturated: the MTF is too low", 100.0 * saturated_share);
+            ui.colored_label(ui.visuals().warn_fg_color, text);
+        }
+    });
+}
+
+fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>, noise_floor: Option<f64>) {
     let unit = PixelSize::of_frequency(1.0, pitch_um).width;
     let line = |cut: &[[f64; 2]]| -> PlotPoints<'static> {
         cut.iter().map(|&[frequency, value]| [frequency * unit, value]).collect()
@@ -110,6 +129,9 @@ fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>) {
         .show(ui, |plot| {
             plot.line(Line::new("horizontal", line(&mtf.horizontal)).width(2.0));
             plot.line(Line::new("vertical", line(&mtf.vertical)).width(2.0));
+            if let Some(floor) = noise_floor.filter(|floor| *floor > 0.0) {
+                plot.hline(HLine::new("noise of the photograph", floor).color(ENTROPY_BOUND).width(1.5));
+            }
         });
 }
 

@@ -2,6 +2,7 @@
 
 use crate::studio::state::capture::CaptureDialog;
 use crate::studio::state::path_dialog::PathDialog;
+use crate::studio::state::psf_import::PsfImportDialog;
 use crate::studio::state::transition::PendingTransition;
 
 /// The state of each dialog.
@@ -9,6 +10,8 @@ use crate::studio::state::transition::PendingTransition;
 pub struct Dialogs {
     /// The question for a path.
     pub path: PathDialog,
+    /// The import of a PSF.
+    pub psf_import: PsfImportDialog,
     /// The open command palette.
     pub palette: Option<ActionPalette>,
     /// The open settings dialog.
@@ -27,6 +30,7 @@ impl Dialogs {
     /// Whether a dialog has the keyboard.
     pub fn is_one_in_front(&self) -> bool {
         self.path.is_open()
+            || self.psf_import.open.is_some()
             || self.transition.is_some()
             || self.palette.is_some()
             || self.settings.is_some()

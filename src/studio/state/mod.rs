@@ -19,6 +19,7 @@ pub mod pane;
 pub mod panel_states;
 pub mod path_dialog;
 pub mod preferences;
+pub mod psf_import;
 pub mod reconstruction;
 pub mod request;
 pub mod samples;

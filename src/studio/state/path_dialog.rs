@@ -8,6 +8,7 @@ use ndarray::{Array2, Array3};
 
 use crate::camera::CalibratedCamera;
 use crate::formats::path_text;
+use crate::optics::PsfPhotograph;
 use crate::reconstruction::TrainedNetwork;
 use crate::studies::plans::{Figure, Plan};
 use crate::studio::state::camera::CameraPath;
@@ -37,8 +38,8 @@ pub enum PathPurpose {
     OpenObjects,
     /// Chooses a file of a capture to reconstruct.
     ChooseCapture(CaptureFile),
-    /// Uses an image as the PSF.
-    ImportPsf,
+    /// Writes the settings of a PSF import.
+    SavePsfSettings(PsfPhotograph),
     /// Opens the weights of a network.
     OpenWeights,
     /// Writes the weights of a network.
@@ -111,7 +112,7 @@ impl PathPurpose {
             Self::ChooseCapture(CaptureFile::Measurement) => "Capture".into(),
             Self::ChooseCapture(CaptureFile::Psf) => "PSF of the capture".into(),
             Self::ExportCapture { .. } => "Export reconstruction".into(),
-            Self::ImportPsf => "Import PSF".into(),
+            Self::SavePsfSettings(_) => "Save settings of the import".into(),
             Self::OpenWeights => "Open weights".into(),
             Self::ExportWeights(_) => "Export weights".into(),
             Self::KeepUnsaved => "Folder for unsaved changes".into(),
@@ -148,7 +149,7 @@ impl PathPurpose {
             }
             Self::OpenWeights => "A safetensors file of weights, also of `lenslet-studio reconstruct --out`",
             Self::ExportWeights(_) => "A safetensors file that `lenslet-studio reconstruct --weights FILE` reads",
-            Self::ImportPsf => "An image (PNG, JPEG, TIFF, BMP) or an NPY array of the PSF",
+            Self::SavePsfSettings(_) => "A TOML file that repeats the import: psf:FILE.toml",
             Self::ExportDesign => {
                 "A folder for psf.png, psf16.png, psf.tiff, psf.npy, design.json and lenslets.csv; it is created if missing"
             }
@@ -172,7 +173,6 @@ impl PathPurpose {
     pub fn file_use(&self) -> Option<FileUse> {
         match self {
             Self::OpenObjects => Some(FileUse::Objects),
-            Self::ImportPsf => Some(FileUse::Psf),
             _ => None,
         }
     }
@@ -187,8 +187,7 @@ impl PathPurpose {
             | Self::OpenStudy
             | Self::Camera(CameraPath::CameraFile) => "Open",
             Self::ChooseCapture(_) | Self::Camera(_) => "Choose",
-            Self::ImportPsf => "Import",
-            Self::SaveAs | Self::SaveCamera(_) => "Save",
+            Self::SaveAs | Self::SaveCamera(_) | Self::SavePsfSettings(_) => "Save",
             Self::KeepUnsaved | Self::NewStudy(_) => "Use",
             _ => "Export",
         }
@@ -198,14 +197,12 @@ impl PathPurpose {
     pub fn picker(&self) -> Picker {
         match self {
             Self::Camera(path) => path.picker(),
-            Self::OpenDesign
-            | Self::OpenObjects
-            | Self::OpenWeights
-            | Self::OpenPlan
-            | Self::ChooseCapture(_)
-            | Self::ImportPsf => Picker::Open,
+            Self::OpenDesign | Self::OpenObjects | Self::OpenWeights | Self::OpenPlan | Self::ChooseCapture(_) => {
+                Picker::Open
+            }
             Self::SaveAs
             | Self::SaveCamera(_)
+            | Self::SavePsfSettings(_)
             | Self::ExportWeights(_)
             | Self::ExportView { .. }
             | Self::ExportPanel { .. }
@@ -230,6 +227,7 @@ impl PathPurpose {
             Self::ExportView { .. } | Self::ExportPanel { .. } => Some("png"),
             Self::ExportCurve { .. } | Self::ExportStudyTable(_) => Some("csv"),
             Self::ExportStudyPlot(_) => Some("svg"),
+            Self::SavePsfSettings(_) => Some("toml"),
             Self::ExportWeights(_) => Some("safetensors"),
             Self::OpenDesign
             | Self::OpenObjects
@@ -238,7 +236,6 @@ impl PathPurpose {
             | Self::NewStudy(_)
             | Self::OpenStudy
             | Self::ChooseCapture(_)
-            | Self::ImportPsf
             | Self::KeepUnsaved
             | Self::Camera(_)
             | Self::ExportDesign
@@ -257,9 +254,9 @@ impl PathPurpose {
             | Self::OpenPlan
             | Self::OpenStudy
             | Self::ChooseCapture(_)
-            | Self::ImportPsf
             | Self::Camera(_)
             | Self::KeepUnsaved => return String::new(),
+            Self::SavePsfSettings(photograph) => photograph.file.path.with_extension("toml"),
             Self::NewStudy(plan) => folder.join(&plan.name),
             Self::ExportStudyPlot(_) => folder.join("plot.svg"),
             Self::ExportStudyTable(_) => folder.join("table.csv"),
@@ -307,8 +304,6 @@ pub struct PathQuestion {
     pub chosen: Option<PathBuf>,
     /// Preview of the file.
     pub preview: Preview,
-    /// Side of the resampled PSF, pixels; 0 for no resampling.
-    pub resample: usize,
     /// File format of measurements.
     pub format: MeasurementFormat,
     /// Answer of the dialog of the system, while it is open.
@@ -363,9 +358,8 @@ impl PathDialog {
     pub fn ask(&mut self, purpose: PathPurpose, beside: Option<&Path>) {
         let path = purpose.suggestion(beside);
         let (system, replaced, format) = (None, Vec::new(), MeasurementFormat::Npy);
-        let (chosen, preview, resample, is_alone, focus) = (None, Preview::default(), 0, false, true);
-        self.open =
-            Some(PathQuestion { purpose, path, chosen, preview, resample, format, system, is_alone, focus, replaced });
+        let (chosen, preview, is_alone, focus) = (None, Preview::default(), false, true);
+        self.open = Some(PathQuestion { purpose, path, chosen, preview, format, system, is_alone, focus, replaced });
     }
 
     /// Whether a question is open.

@@ -44,7 +44,9 @@ pub enum Request {
     Recover(Box<Recovered>),
     /// Opens objects.
     OpenObjects(ObjectSource),
-    /// Uses an image as the PSF.
+    /// Opens the dialog that imports a PSF, for this path.
+    OpenPsf(String),
+    /// Uses an image as the PSF; the path holds the options of the import.
     ImportPsf(PathBuf),
     /// Acts on the run.
     Run(RunRequest),

@@ -56,7 +56,7 @@ impl Preview {
             });
         }
         if let Some(choice) = chosen {
-            *text = with_option(text.trim(), of, &choice);
+            *text = with_option(text.trim(), &choice);
         }
     }
 

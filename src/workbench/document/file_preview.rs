@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use crate::formats::{FormatError, ImageFile, ImageSummary, Meaning, PixelStack, image_files, path_text};
+use crate::formats::{FormatError, ImageFile, ImageSummary, Meaning, PixelStack, image_files};
 use crate::objects::ObjectSource;
-use crate::optics::psf_file;
 use crate::plural::counted;
 
 /// Largest file that is previewed, bytes. Larger files are not read twice, for the preview and for their use.
@@ -15,8 +14,6 @@ const LARGEST_BYTES: u64 = 256 << 20;
 pub enum FileUse {
     /// Objects.
     Objects,
-    /// A PSF.
-    Psf,
     /// Images of a camera.
     Measurements,
 }
@@ -40,23 +37,17 @@ impl FilePreview {
     }
 }
 
-/// The text of a path with one more option, such as `axis=last`; the side of a PSF (`FILE@32`) stays at the end.
-pub fn with_option(text: &str, of: FileUse, option: &str) -> String {
-    let (path, side) = match of {
-        FileUse::Psf => psf_file(Path::new(text)).unwrap_or((text.into(), None)),
-        FileUse::Objects | FileUse::Measurements => (text.into(), None),
-    };
-    let has_options = ImageFile::find(&path).is_ok_and(|file| file.meaning != Meaning::default());
+/// The text of a path with one more option, such as `axis=last`.
+pub fn with_option(text: &str, option: &str) -> String {
+    let has_options = ImageFile::find(Path::new(text)).is_ok_and(|file| file.meaning != Meaning::default());
     let mark = if has_options { '&' } else { '?' };
-    let side = side.map_or_else(String::new, |side| format!("@{side}"));
-    format!("{}{mark}{option}{side}", path_text(&path))
+    format!("{text}{mark}{option}")
 }
 
 fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
     let message = |error: FormatError| error.to_string();
     let mut read: fn(&ImageFile) -> Result<PixelStack, FormatError> = ImageFile::read;
     let path = match of {
-        FileUse::Psf => psf_file(path).map_err(|error| error.to_string())?.0,
         FileUse::Objects => match ObjectSource::guess(path) {
             ObjectSource::Cifar(path) => {
                 read = ImageFile::read_cifar;
@@ -67,10 +58,7 @@ fn look(path: &Path, of: FileUse) -> Result<(String, Vec<String>), String> {
         },
         FileUse::Measurements => path.to_path_buf(),
     };
-    let files = match of {
-        FileUse::Psf => vec![ImageFile::find(&path).map_err(message)?],
-        FileUse::Objects | FileUse::Measurements => image_files(&path).map_err(message)?,
-    };
+    let files = image_files(&path).map_err(message)?;
     let Some(first) = files.first() else {
         return Err(format!("{}: expected images, found none; choose another folder", path.display()));
     };
@@ -102,20 +90,15 @@ mod tests {
         std::fs::copy(&path, folder.path().join("b.npy")).unwrap();
         let preview = FilePreview::of(folder.path(), FileUse::Measurements);
         assert!(preview.understood.unwrap().starts_with("2 files, the first: 9 images of 8 x 5 px"));
-        let psf = FilePreview::of(Path::new(&format!("{}@4", path.display())), FileUse::Psf);
-        assert!(psf.understood.is_ok(), "{psf:?}");
         for (name, option, expected) in [
             ("a.npy", "axis=last", "a.npy?axis=last"),
-            ("a.npy@4", "channel=red", "a.npy?channel=red@4"),
-            ("a.npy?axis=last@4", "frame=2", "a.npy?axis=last&frame=2@4"),
+            ("a.npy?axis=last", "frame=2", "a.npy?axis=last&frame=2"),
             ("odd?.npy", "axis=2", "odd?.npy?axis=2"),
         ] {
             std::fs::write(folder.path().join("odd?.npy"), "").unwrap();
             let text = |name: &str| folder.path().join(name).display().to_string();
-            assert_eq!(with_option(&text(name), FileUse::Psf, option), text(expected));
+            assert_eq!(with_option(&text(name), option), text(expected));
         }
-        for (name, of) in [("none.npy", FileUse::Psf), ("", FileUse::Psf)] {
-            assert!(FilePreview::of(&folder.path().join(name), of).understood.is_err(), "{name}");
-        }
+        assert!(FilePreview::of(&folder.path().join("none.npy"), FileUse::Measurements).understood.is_err());
     }
 }

@@ -206,7 +206,8 @@ mod tests {
         let imaged = |number: u64| {
             let mut psf = ndarray::Array2::zeros((SIDE, SIDE));
             psf[(number as usize, 0)] = 1.0;
-            let encoder = Encoder::Image(PsfImage { psf, origin: "camera.tiff".into(), throughput: 1.0 });
+            let encoder =
+                Encoder::Image(PsfImage { psf, origin: "camera.tiff".into(), throughput: 1.0, photograph: None });
             Version { design: Arc::new(Design { encoder, ..Design::default() }), number, lenslets: 1 }
         };
         let takes = |steps: &[Step]| steps.len() * SIDE * SIDE * size_of::<f32>();

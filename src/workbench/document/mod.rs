@@ -4,4 +4,5 @@ pub mod autosave;
 pub mod command;
 pub mod file_preview;
 pub mod history;
+pub mod psf_preview;
 pub mod samples;

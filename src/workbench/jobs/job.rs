@@ -11,7 +11,7 @@ use crate::formats::{write_csv_text, write_png_rgb};
 use crate::forward::{Design, ForwardModel};
 use crate::information::Protocol;
 use crate::objects::{ObjectSet, ObjectSource};
-use crate::optics::{Encoder, FittedLenslets, fit_lenslets, import_psf};
+use crate::optics::{Encoder, FittedLenslets, ImportedPsf, PsfPhotograph, fit_lenslets, import_psf};
 use crate::plural::counted;
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
@@ -87,6 +87,13 @@ pub enum Job {
         side: Option<usize>,
         /// Number of the document that it is for.
         document: u64,
+    },
+    /// Writes the settings of a PSF import.
+    SavePsfSettings {
+        /// The photograph with its options.
+        photograph: PsfPhotograph,
+        /// The file.
+        path: PathBuf,
     },
     /// Fits lenslets to the PSF of a mask without lenslets.
     FitLenslets {
@@ -260,6 +267,8 @@ pub enum Outcome {
         encoder: Encoder,
         /// Summary of the file.
         understood: String,
+        /// Sentences about the import.
+        notices: Vec<String>,
         /// Number of the document that was open at the request.
         document: u64,
     },
@@ -281,6 +290,14 @@ impl Outcome {
     /// Whether a person requested it for this particular design or file.
     pub fn is_asked_for(&self) -> bool {
         !matches!(self, Self::SnapshotMeasured { .. } | Self::RecordKept { .. })
+    }
+
+    /// Sentences about the file, for people.
+    pub fn notices(&self) -> &[String] {
+        match self {
+            Self::ObjectsOpened { notices, .. } | Self::PsfImported { notices, .. } => notices,
+            _ => &[],
+        }
     }
 
     /// Report of the outcome, for people.
@@ -333,7 +350,8 @@ impl Job {
             | Self::ExportNetwork { path, .. }
             | Self::ExportFigure { path, .. }
             | Self::ExportStudyTable { path, .. }
-            | Self::ExportCurve { path, .. } => {
+            | Self::ExportCurve { path, .. }
+            | Self::SavePsfSettings { path, .. } => {
                 format!("Export {}", path.display())
             }
         }
@@ -383,9 +401,15 @@ impl Job {
                 Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement })
             }
             Self::ImportPsf { path, side, document } => {
-                let (image, understood) = import_psf(path, *side).map_err(|error| error.to_string())?;
-                let understood = understood.to_string();
-                Ok(Outcome::PsfImported { encoder: Encoder::Image(image), understood, document: *document })
+                let ImportedPsf { image, summary, report } =
+                    import_psf(path, *side).map_err(|error| error.to_string())?;
+                let (understood, notices) = (summary.to_string(), report.sentences());
+                let encoder = Encoder::Image(image);
+                Ok(Outcome::PsfImported { encoder, understood, notices, document: *document })
+            }
+            Self::SavePsfSettings { photograph, path } => {
+                photograph.save(path).map_err(|error| error.to_string())?;
+                Ok(Outcome::Exported { files: vec![path.clone()] })
             }
             Self::FitLenslets { encoder, replaces } => {
                 let fitted = fit_lenslets(encoder).map_err(|error| error.to_string())?;

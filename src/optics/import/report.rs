@@ -1,0 +1,175 @@
+//! What an import did with a photograph, in numbers and sentences.
+
+use super::options::{PixelRectangle, PsfDark, PsfImportOptions, PsfScale, PsfWindow};
+use crate::formats::{Saturated, Wrapped};
+use crate::plural::{counted, one_or_many};
+
+/// Largest share of the light outside the window without advice.
+const LITTLE_LIGHT: f64 = 0.02;
+
+/// Grey value of the corners that may be a black level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlackLevel {
+    /// The grey value, DN.
+    pub level: f64,
+    /// Its share of all grey value.
+    pub share: f64,
+}
+
+/// Negative pixels that were set to 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NegativePixels {
+    /// Their number.
+    pub count: usize,
+    /// The lowest value.
+    pub lowest: f32,
+}
+
+/// What an import did with a photograph.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PsfImportReport {
+    /// The options.
+    pub options: PsfImportOptions,
+    /// Rows and columns of the photograph.
+    pub photograph: (usize, usize),
+    /// The dark level that was subtracted; `None` where none was.
+    pub dark: Option<BlackLevel>,
+    /// Grey value of the corners that was not subtracted and may be a black level.
+    pub suspected: Option<BlackLevel>,
+    /// Pixels that make the PSF.
+    pub window: PixelRectangle,
+    /// Side of a pixel of the PSF, pixels of the photograph.
+    pub pixel: f64,
+    /// Share of the light that the PSF holds, above the dark level or the suspected black level.
+    pub light_kept: f64,
+    /// Saturated pixels of the photograph.
+    pub saturated: Option<Saturated>,
+    /// Pixels that look like negative ones that wrapped around zero.
+    pub wrapped: Option<Wrapped>,
+    /// Slightly negative pixels of the file.
+    pub negative: Option<NegativePixels>,
+    /// Pixels of the PSF that fell below the dark level.
+    pub below_dark: Option<NegativePixels>,
+    /// MTF below which there is noise alone; `None` without a dark level.
+    pub noise_floor: Option<f64>,
+}
+
+impl PsfImportReport {
+    /// One sentence for each fact, warnings first.
+    pub fn sentences(&self) -> Vec<String> {
+        [self.warnings(), self.facts()].concat()
+    }
+
+    /// One sentence for each doubt about the photograph.
+    pub fn warnings(&self) -> Vec<String> {
+        let saturated = self.saturated.map(|Saturated { share, value }| {
+            format!(
+                "{} of the pixels are at {value}, the largest value: they are saturated and the peaks of the PSF are too \
+                 low; expose it for a shorter time",
+                percent(share)
+            )
+        });
+        let wrapped = self.wrapped.map(|Wrapped { share, above, median }| {
+            format!(
+                "{} of the pixels lie above {above} while the median is {median}: negative values wrapped around zero; \
+                 subtract the dark level in signed numbers",
+                percent(share)
+            )
+        });
+        let suspected = self.suspected.map(|BlackLevel { level, share }| {
+            format!(
+                "the corners have the grey value {}, {} of all light if it is the black level; ?dark=corners subtracts it",
+                short(level),
+                percent(share)
+            )
+        });
+        [saturated, wrapped, suspected].into_iter().flatten().collect()
+    }
+
+    /// One sentence for each step of the import.
+    pub fn facts(&self) -> Vec<String> {
+        let dark = self.dark.map(|BlackLevel { level, share }| {
+            let of = if self.options.dark == PsfDark::Corners { " from the corners" } else { "" };
+            format!("the dark level of {}{of} is subtracted, {} of all grey value", short(level), percent(share))
+        });
+        let negative = self.negative.map(|NegativePixels { count, lowest }| {
+            let (pixels, were) = (counted(count, "slightly negative pixel"), one_or_many(count, "was", "were"));
+            format!("{pixels} (down to {lowest}) {were} set to 0")
+        });
+        let below = self.below_dark.map(|NegativePixels { count, .. }| {
+            let (pixels, were) = (counted(count, "pixel"), one_or_many(count, "was", "were"));
+            format!("{pixels} of the PSF below the dark level {were} set to 0")
+        });
+        let floor = self.noise_floor.map(|floor| format!("noise hides an MTF below {}", short(floor)));
+        let facts = [dark, self.window_sentence(), self.turn_sentence(), negative, below, floor];
+        facts.into_iter().flatten().collect()
+    }
+
+    /// Window, size of the pixels and share of the light; `None` for a whole file as it is.
+    fn window_sentence(&self) -> Option<String> {
+        let PsfImportOptions { window, scale, .. } = self.options;
+        if window == PsfWindow::All && scale == PsfScale::One {
+            return None;
+        }
+        let PixelRectangle { top, left, rows, cols } = self.window;
+        let place = match window {
+            PsfWindow::All => "the whole photograph".to_owned(),
+            _ => format!("rows {top} to {}, columns {left} to {}", top + rows - 1, left + cols - 1),
+        };
+        let pixels = match scale {
+            PsfScale::One => String::new(),
+            PsfScale::Bin(bin) => format!(" in sums of {bin} x {bin} px"),
+            PsfScale::Grid(_) => format!(" in areas of {0} x {0} px", short(self.pixel)),
+        };
+        let lost = 1.0 - self.light_kept;
+        let advice = match window {
+            _ if lost < LITTLE_LIGHT => "",
+            PsfWindow::Square => "; ?window=auto moves the square to the light, ?window=all keeps all",
+            PsfWindow::Auto | PsfWindow::Rectangle(_) => "; ?window=all keeps all",
+            PsfWindow::All => "; choose a bin that divides the sides",
+        };
+        Some(format!(
+            "{place}{pixels} hold {} of the light, {} is cut off{advice}",
+            percent(self.light_kept),
+            percent(lost)
+        ))
+    }
+
+    fn turn_sentence(&self) -> Option<String> {
+        let PsfImportOptions { quarter_turns, is_mirrored, .. } = self.options;
+        let turns = quarter_turns % 4;
+        let turn = (turns > 0).then(|| format!("turned by {} degrees counter-clockwise", 90 * u16::from(turns)));
+        let mirror = is_mirrored.then(|| "mirrored left to right".to_owned());
+        let parts: Vec<String> = [turn, mirror].into_iter().flatten().collect();
+        (!parts.is_empty()).then(|| parts.join(", "))
+    }
+}
+
+/// A share in per cent with two significant digits, and never 100 % or 0 % by rounding.
+fn percent(share: f64) -> String {
+    let percent = 100.0 * share;
+    let rest = percent.min(100.0 - percent).abs();
+    let decimals = if rest == 0.0 || rest >= 9.95 { 0.0 } else { (1.0 - rest.log10().floor()).clamp(1.0, 4.0) };
+    format!("{percent:.*} %", decimals as usize)
+}
+
+/// A number with three significant digits; whole numbers keep all digits.
+fn short(value: f64) -> String {
+    if value.fract() == 0.0 || value == 0.0 {
+        return format!("{value}");
+    }
+    let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0);
+    format!("{value:.*}", decimals as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_keep_what_differs_from_nothing_and_all() {
+        let texts = [0.0, 1.0, 0.706, 0.0139, 0.9912, 0.0001, 0.99996].map(percent);
+        assert_eq!(texts, ["0 %", "100 %", "71 %", "1.4 %", "99.12 %", "0.010 %", "99.9960 %"]);
+        assert_eq!([256.0, 34.28, 0.012_34].map(short), ["256", "34.3", "0.0123"]);
+    }
+}
