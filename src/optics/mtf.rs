@@ -101,7 +101,7 @@ mod tests {
         let expected = (1.0 - (-a / 4.0).exp()) * 4.0 / a;
         for side in [32, 45, 128] {
             let mean = modulation_transfer(psf(side).view()).mean_below_nyquist();
-            assert!((mean / expected - 1.0).abs() < 0.02, "{side}: {mean} {expected}");
+            assert!((mean / expected - 1.0).abs() < 0.03, "{side}: {mean} {expected}");
         }
         assert_eq!(modulation_transfer(Array2::ones((1, 1)).view()).mean_below_nyquist(), 0.0);
     }

@@ -108,6 +108,42 @@ fn names_that_are_no_text_open_everywhere() {
     assert!(said(&bench, "bounds kept/design.json").contains("6 images of 40 x 36 px"));
 }
 
+/// A spot on a black level of 256, more light than the spot.
+#[test]
+fn photograph_of_a_psf_is_imported_by_options_of_its_path_and_by_a_file() {
+    let bench = Bench::new();
+    let pixel = |row: usize, col: usize| {
+        let noise = ((row * 31 + col * 17) % 3) as f32;
+        256.0 + noise + if row.abs_diff(30) < 8 && col.abs_diff(40) < 8 { 900.0 } else { 0.0 }
+    };
+    bench.write("photo.npy", npy("(80, 100)", &(0..8000).map(|i| pixel(i / 100, i % 100)).collect::<Vec<_>>()));
+    let plain = said(&bench, "export --mask psf:photo.npy --out plain");
+    assert!(plain.contains("photo.npy: the corners have the grey value 257"), "{plain}");
+    let line = "export --mask psf:photo.npy?dark=corners&window=auto&bin=2 --out out";
+    let told = said(&bench, line);
+    assert!(told.contains("the dark level of 257 from the corners is subtracted, 9"), "{told}");
+    assert!(told.contains("in sums of 2 x 2 px hold"), "{told}");
+    let result = bench.json(line);
+    assert_eq!((result["psf_rows"].as_u64(), result["psf_cols"].as_u64()), (Some(8), Some(8)));
+    let (mean, floor) = (result["mean_mtf"].as_f64().unwrap(), result["mtf_noise_floor"].as_f64().unwrap());
+    assert!(mean > 0.01 && mean < 0.5 && floor > 0.0 && floor < 0.01, "{mean} {floor}");
+    assert!(result["notices"].as_array().unwrap().len() > 2, "{result}");
+    bench.write(
+        "photo.toml",
+        "format = \"lenslet-studio/psf-import\"\nformat_version = 1\nphotograph = \"photo.npy\"\ndark = \"corners\"\n\
+         window = \"auto\"\nbin = 2\n",
+    );
+    bench.done("export --mask psf:photo.toml --out same");
+    let psf = |folder: &str| std::fs::read(bench.path(format!("{folder}/psf.npy"))).unwrap();
+    assert_eq!(psf("same"), psf("out"));
+    // The design keeps what the photograph limits.
+    assert!(bench.json("export out/design.json --out again")["mtf_noise_floor"].is_f64());
+    let lenslets = bench.json("export --mask heuristic:9 --out nine");
+    assert!(lenslets["mean_mtf"].is_f64() && lenslets["mtf_noise_floor"].is_null());
+    let refused = bench.refused("export --mask psf:photo.npy?bin=2@8 --out two");
+    assert!(refused.contains("one of bin, grid"), "{refused}");
+}
+
 #[test]
 fn an_at_sign_in_a_name_is_no_side() {
     let bench = Bench::new();

@@ -1,5 +1,6 @@
 //! Files of images: their interpretation is shown before use, and can be corrected there. Files that are dropped on the window.
 
+use super::psf_import::{type_psf_path, wait_for_image};
 use super::waiting::wait_for;
 use super::*;
 
@@ -12,13 +13,6 @@ fn array(path: &Path, shape: (usize, usize, usize)) {
 fn type_path(window: &mut Window, path: &Path) {
     window.get_by_label("Path").type_text(&path.display().to_string());
     window.run_steps(2);
-}
-
-/// Waits until an imported PSF is the mask, and its numbers are there.
-pub fn wait_for_image(window: &mut Window) {
-    let is_image = |window: &Window| matches!(studio(window).session().design().encoder, Encoder::Image(_));
-    wait_for(window, "the imported PSF", is_image);
-    settle(window);
 }
 
 fn is_shown(window: &Window, part: &str) -> bool {
@@ -55,7 +49,7 @@ fn invalid_file_is_named_in_preview() {
     std::fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n").unwrap();
     let mut window = open(Design::default());
     menu(&mut window, &["File", "Import PSF..."]);
-    type_path(&mut window, &path);
+    type_psf_path(&mut window, &path);
     wait_for(&mut window, "the name of the file's kind", |window| is_shown(window, "found a Git LFS pointer"));
     assert!(is_shown(&window, "run git lfs pull"));
 }
@@ -67,7 +61,7 @@ fn psf_path_takes_resampling_option() {
     array(&path, (1, 64, 64));
     let mut window = open(Design::default());
     menu(&mut window, &["File", "Import PSF..."]);
-    type_path(&mut window, Path::new(&format!("{}@32", path.display())));
+    type_psf_path(&mut window, Path::new(&format!("{}@32", path.display())));
     wait_for(&mut window, "the preview", |window| is_shown(window, "1 image of 64 x 64 px"));
     window.get_by_label("PSF of 32 x 32 px");
     click(&mut window, "Import");

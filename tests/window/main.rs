@@ -13,6 +13,7 @@ mod mask;
 mod messages;
 mod numbers;
 mod panics;
+mod psf_import;
 mod reconstruction;
 mod runs;
 mod seeing;

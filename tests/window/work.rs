@@ -11,6 +11,7 @@ use lenslet_studio::workbench::{ActivityState, RunStatus};
 
 use super::estimates::small_stripes;
 use super::home::at_home;
+use super::psf_import::{type_psf_path, wait_for_image};
 use super::runs::{TALL, shorten_run};
 use super::waiting::{stop_run, wait_for, wait_for_stop};
 use super::*;
@@ -110,8 +111,9 @@ fn stale_numbers_are_marked_and_not_exported() {
     click(&mut window, "File");
     assert!(can_export(&window) && !is_stale(&window));
     click(&mut window, "Import PSF...");
-    answer(&mut window, &file, "Import");
-    super::files::wait_for_image(&mut window);
+    type_psf_path(&mut window, &file);
+    click(&mut window, "Import");
+    wait_for_image(&mut window);
     let live = studio(&window).session().live();
     let (revision, failure) = live.failure.unwrap();
     assert_eq!(revision, studio(&window).session().revision(), "{failure}");
@@ -139,8 +141,9 @@ fn lenslets_are_fitted_to_imported_psf() {
     click(&mut window, "Presets");
     assert!(window.get_by_label("Fit lenslets to this PSF").accesskit_node().is_disabled(), "it has lenslets");
     click(&mut window, "Import PSF...");
-    answer(&mut window, &file, "Import");
-    super::files::wait_for_image(&mut window);
+    type_psf_path(&mut window, &file);
+    click(&mut window, "Import");
+    wait_for_image(&mut window);
     settle(&mut window);
     assert!(lenslets(&window).is_empty());
     menu(&mut window, &["Presets", "Fit lenslets to this PSF"]);

@@ -57,7 +57,7 @@ pub enum PsfError {
     Dark {
         /// File or name of the PSF.
         origin: String,
-        /// The dark level, as the end of the clause; empty without one.
+        /// What the light was searched above, as the end of the clause.
         above: String,
     },
     /// The text after the @ of a path is not a side in pixels.

@@ -21,7 +21,7 @@ pub fn normalised_psf(image: Array2<f32>, origin: &str) -> Result<Array2<f32>, P
     }
     let sum: f64 = image.iter().map(|&value| f64::from(value)).sum();
     if sum <= 0.0 {
-        return Err(PsfError::Dark { origin: origin.into(), above: String::new() });
+        return Err(PsfError::Dark { origin: origin.into(), above: " at all".into() });
     }
     // A PSF that already sums to 1 within rounding stays unchanged, so that saving and opening changes no bit.
     if (sum - 1.0).abs() < 1e-6 { Ok(image) } else { Ok(image.map(|&value| (f64::from(value) / sum) as f32)) }

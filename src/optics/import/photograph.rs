@@ -297,8 +297,10 @@ impl PhotographPixels {
         if self.from_colour {
             meaning.channel = Some(Channel::Green);
         }
-        let side = self.psf(options).map_or(ADVISED_SIDE, |imported| imported.image.psf.nrows());
-        let query = query(&[meaning.options(), options.options()].concat());
+        let Ok(ImportedPsf { image, .. }) = self.psf(options) else {
+            return PsfError::Shape { origin: self.origin.clone(), rows, cols };
+        };
+        let (side, query) = (image.psf.nrows(), query(&[meaning.options(), options.options()].concat()));
         PsfError::Large { origin: self.origin.clone(), rows, cols, query, side }
     }
 }

@@ -53,7 +53,7 @@ fn black_level_is_told_and_subtracted_where_it_is_asked_for() {
     assert!(told.contains("of all light if it is the black level; ?dark=corners subtracts it"), "{told}");
     assert!(plain.image.photograph.is_none() && plain.report.noise_floor.is_none());
     let dark = import(&path, "?dark=corners").unwrap();
-    assert!(sentences(&path, "?dark=corners").contains("from the corners is subtracted, 96 % of all grey value"));
+    assert!(sentences(&path, "?dark=corners").contains("from the corners is subtracted, 96.4 % of all grey value"));
     assert!(dark.image.psf[(0, 0)] < 0.001 && dark.image.psf[(10, 14)] > 0.06, "{}", dark.image.psf);
     assert!(dark.image.photograph.unwrap().noise_floor > 0.0);
     let level = import(&path, "?dark=254").unwrap();
@@ -79,7 +79,11 @@ fn slightly_negative_pixels_become_0_and_others_are_named() {
 #[test]
 fn light_that_is_cut_off_is_told_with_what_keeps_it() {
     let bench = Bench::new();
-    let wide = |index: usize| if [2, 61].contains(&(index % 64)) { 1.0 } else { 0.01 };
+    let wide = |index: usize| match (index / 64, index % 64) {
+        (_, 2 | 61) => 1.0,
+        (24, _) => 0.5,
+        _ => 0.0,
+    };
     let path = bench.write("wide.npy", &[48, 64], wide);
     let told = sentences(&path, "@32");
     assert!(told.contains("areas of 1.50 x 1.50 px hold 19 % of the light, 81 % is cut off; ?window=auto"), "{told}");
@@ -119,9 +123,9 @@ fn large_colour_photograph_is_refused_with_options_that_fit_it() {
     photo.save(&path).unwrap();
     let error = import(&path, "").unwrap_err().to_string();
     let query = "channel=green&dark=corners&window=auto&bin=9";
-    assert!(error.contains(&format!("found 1040 x 1100; add ?{query} to the path for one of 45 x 45 px")), "{error}");
+    assert!(error.contains(&format!("found 1040 x 1100; add ?{query} to the path for one of 44 x 44 px")), "{error}");
     let imported = import(&path, &format!("?{query}")).unwrap();
-    assert_eq!(imported.image.psf.dim(), (45, 45));
+    assert_eq!(imported.image.psf.dim(), (44, 44));
     assert!(imported.report.light_kept > 0.98, "{:?}", imported.report);
     assert!((imported.report.dark.unwrap().level - 17.0).abs() <= 1.0, "green, no weighted grey");
     // Without a channel the green one is taken, and told.
@@ -247,7 +251,7 @@ fn noise_floor_is_the_modulation_of_the_noise() {
     let mtf = modulation_transfer(light.view());
     let scale = light.sum() / 20_000.0;
     let square = mtf.map.iter().map(|&value| (f64::from(value) * scale).powi(2)).sum::<f64>() / 9216.0;
-    assert!((floor / square.sqrt() - 1.0).abs() < 0.1, "{floor} {}", square.sqrt());
+    assert!((floor / square.sqrt() - 1.0).abs() < 0.25, "{floor} {}", square.sqrt());
     let binned = import(&path, "?dark=500&bin=4").unwrap().report.noise_floor.unwrap();
     assert!((binned / floor - 1.0).abs() < 1e-9, "bins change neither noise nor light");
 }

@@ -64,7 +64,9 @@ pub fn show(
             {
                 requests.push(Request::AskPath(PathPurpose::SavePsfSettings(photograph)));
             }
-            cancelled |= ui.button("Cancel").clicked();
+            let cancel = ui.button("Cancel");
+            name_widget(&cancel, "Cancel the import");
+            cancelled |= cancel.clicked();
         });
         cancelled |= !is_covered && ui.input(|input| input.key_pressed(Key::Escape));
     });
@@ -105,7 +107,7 @@ fn path_row(ui: &mut Ui, form: &mut PsfImportForm) -> bool {
         let width = (ui.available_width() - 80.0).max(80.0);
         let hint = "An image, an array, or the settings of an import (TOML)";
         let field = ui.add(TextEdit::singleline(&mut form.path).desired_width(width).hint_text(hint));
-        name_widget(&field, "Path");
+        name_widget(&field, "Path of the PSF");
         if form.focus {
             field.request_focus();
             form.focus = false;
@@ -115,7 +117,9 @@ fn path_row(ui: &mut Ui, form: &mut PsfImportForm) -> bool {
         }
         let is_entered = field.lost_focus() && ui.input(|input| input.key_pressed(Key::Enter));
         confirmed = is_entered && !form.path.trim().is_empty();
-        if ui.add_enabled(form.system.is_none(), egui::Button::new("Browse...")).clicked() {
+        let browse = ui.add_enabled(form.system.is_none(), egui::Button::new("Browse..."));
+        name_widget(&browse, "Browse for the PSF");
+        if browse.clicked() {
             form.system = system_dialog::open(ui.ctx(), Picker::Open, Path::new(&form.path));
         }
     });

@@ -400,13 +400,7 @@ impl Job {
                 let measurement = first_measurement(design, scene.as_ref().map_err(Clone::clone));
                 Ok(Outcome::SnapshotMeasured { number: *number, name: name.clone(), measurement })
             }
-            Self::ImportPsf { path, side, document } => {
-                let ImportedPsf { image, summary, report } =
-                    import_psf(path, *side).map_err(|error| error.to_string())?;
-                let (understood, notices) = (summary.to_string(), report.sentences());
-                let encoder = Encoder::Image(image);
-                Ok(Outcome::PsfImported { encoder, understood, notices, document: *document })
-            }
+            Self::ImportPsf { path, side, document } => imported_psf(path, *side, *document),
             Self::SavePsfSettings { photograph, path } => {
                 photograph.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
@@ -480,6 +474,13 @@ fn check_network(
     };
     network.training.check_scene(&DecoderScene::new(&forward, Protocol::Default)?)?;
     network.training.check_mask(&ImagingModel::of_design(design, &forward)?)
+}
+
+/// The mask of a PSF image.
+fn imported_psf(path: &Path, side: Option<usize>, document: u64) -> Result<Outcome, String> {
+    let ImportedPsf { image, summary, report } = import_psf(path, side).map_err(|error| error.to_string())?;
+    let (understood, notices) = (summary.to_string(), report.sentences());
+    Ok(Outcome::PsfImported { encoder: Encoder::Image(image), understood, notices, document })
 }
 
 /// The first live measurement of a design, with noise, as the window shows it.
