@@ -158,7 +158,8 @@ fn field_and_grid_give_their_sizes_to_every_command() {
     let told = bench.done("bounds a/design.json");
     assert!(told.contains("100 x 120 px") && told.contains("of a 32 x 32 px patch"), "{told}");
     bench.done(
-        "optimize --start random:4 --grid 24 --field 60 --steps 1 --patch 16 --objective density --score none --out run",
+        "optimize --start random:4 --grid 24 --field 60 --steps 1 --patch 6 --objective density --score none --out run \
+         --config {\"first_fit\":60,\"refit\":15,\"last_fit\":60}",
     );
     let run: Value = serde_json::from_slice(&std::fs::read(bench.path("run/run.json")).unwrap()).unwrap();
     assert_eq!((&run["start"]["field"], &run["result"]["rows"]), (&serde_json::json!([60, 60]), &Value::from(24)));
