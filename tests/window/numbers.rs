@@ -14,11 +14,11 @@ fn number(window: &Window, field: &str) -> f64 {
     window.get_by_role_and_label(Role::SpinButton, field).accesskit_node().numeric_value().unwrap()
 }
 
-/// Opens the form of camera images, whose fields wait for no computation.
+/// Opens the captures of cameras, whose fields wait for no computation.
 fn with_images(design: Design) -> Window {
     let mut window = open(design);
-    click(&mut window, "Estimates");
-    click(&mut window, "Camera images");
+    click(&mut window, "Camera");
+    click(&mut window, "Show captures");
     window
 }
 
@@ -59,7 +59,7 @@ fn by_the_rules(text: &str) -> Option<f64> {
 
 #[test]
 fn random_texts_of_three_locales_follow_the_rules() {
-    const FIELD: &str = "Images: offset";
+    const FIELD: &str = "Captures: offset";
     let window = RefCell::new(with_images(Design::default()));
     let text = proptest::prop_oneof![
         // Anything that starts like a number.
@@ -93,19 +93,19 @@ fn random_texts_of_three_locales_follow_the_rules() {
 #[test]
 fn rejection_message_names_old_number() {
     let mut window = with_images(Design::default());
-    type_number(&mut window, "Images: gain", "0,46");
-    assert_eq!(number(&window, "Images: gain"), 0.46);
-    type_number(&mut window, "Images: offset", "46,5");
-    assert_eq!(number(&window, "Images: offset"), 46.5);
+    type_number(&mut window, "Captures: gain", "0,46");
+    assert_eq!(number(&window, "Captures: gain"), 0.46);
+    type_number(&mut window, "Captures: offset", "46,5");
+    assert_eq!(number(&window, "Captures: offset"), 46.5);
     for (field, text, sentence) in [
-        ("Images: offset", "1,234", "Images: offset: \"1,234\" may mean 1.234 or 1234; 46.5 stays"),
-        ("Images: offset", "1.234,5", "Images: offset: \"1.234,5\" is not a number; 46.5 stays"),
-        ("Images: gain", "nan", "Images: gain: \"nan\" is not a number; 0.46 stays"),
-        ("Images: gain", "inf", "Images: gain: \"inf\" is not a number; 0.46 stays"),
-        ("Images: gain", "-1", "Images: gain: \"-1\" is not between 0.000001 and 1000000; 0.46 stays"),
-        ("Images: gain", "", "Images: gain: no number was typed; 0.46 stays"),
-        ("Images: bin", "2,5", "Images: bin: \"2,5\" is not a whole number; 1 stays"),
-        ("Images: bin", "65", "Images: bin: \"65\" is not between 1 and 64; 1 stays"),
+        ("Captures: offset", "1,234", "Captures: offset: \"1,234\" may mean 1.234 or 1234; 46.5 stays"),
+        ("Captures: offset", "1.234,5", "Captures: offset: \"1.234,5\" is not a number; 46.5 stays"),
+        ("Captures: gain", "nan", "Captures: gain: \"nan\" is not a number; 0.46 stays"),
+        ("Captures: gain", "inf", "Captures: gain: \"inf\" is not a number; 0.46 stays"),
+        ("Captures: gain", "-1", "Captures: gain: \"-1\" is not between 0.000001 and 1000000; 0.46 stays"),
+        ("Captures: gain", "", "Captures: gain: no number was typed; 0.46 stays"),
+        ("Captures: bin", "2,5", "Captures: bin: \"2,5\" is not a whole number; 1 stays"),
+        ("Captures: bin", "65", "Captures: bin: \"65\" is not between 1 and 64; 1 stays"),
         ("Steps of the fit to images", "2 k", "Steps of the fit to images: \"2 k\" is not a number; 2000 stays"),
         ("Lenslet 1 x", "99 px", "Lenslet 1 x: \"99 px\" is not between 0 and 31; 16.00 px stays"),
         ("Lenslet 1 weight", "-0,1", "Lenslet 1 weight: \"-0,1\" is not between 0 and 1000000; "),

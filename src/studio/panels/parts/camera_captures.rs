@@ -108,16 +108,16 @@ fn options(ui: &mut Ui, form: &mut CapturesForm) {
         let Calibration { gain, offset, bin } = &mut form.calibration;
         if form.camera.is_none() {
             ui.label("Gain");
-            let field = NumberField::new("Captures: gain", 1e-6..=1e6).speed(0.01).unit(" DN");
+            let field = NumberField::new("Captures: gain", 1e-6..=1e6).speed(0.01);
             field.edit(ui, gain).on_hover_text("Grey values (DN) per photon");
             if form.dark.is_none() {
                 ui.label("Offset");
-                let field = NumberField::new("Captures: offset", -1e6..=1e6).speed(0.1).unit(" DN");
+                let field = NumberField::new("Captures: offset", -1e6..=1e6).speed(0.1);
                 field.edit(ui, offset).on_hover_text("Grey value (DN) without light");
             }
         }
         ui.label("Bin");
-        let field = NumberField::whole("Captures: bin", 1..=LARGEST_BIN).unit(" px");
+        let field = NumberField::whole("Captures: bin", 1..=LARGEST_BIN);
         field.edit_whole(ui, bin).on_hover_text("Side of the squares of pixels that are summed");
         ui.label("Crop");
         let field = TextEdit::singleline(&mut form.typed_crop).desired_width(92.0).hint_text("64x96+10+20");
