@@ -1,21 +1,16 @@
 //! The designed masks of a plan: optimizer runs as part of a cell.
 
 use std::ops::ControlFlow;
-use std::time::Duration;
 
-use super::cell::{CellSettings, Freedom, StudyMask};
+use super::cell::Freedom;
 use super::folder::StudyFolder;
+use super::ideal_settings::settings_of;
 use super::run::CellError;
-use crate::design::{Free, IdealOptimizer, IdealProgress, IdealSettings, Objective, Preset};
+use crate::design::{IdealOptimizer, IdealProgress};
 use crate::evaluation::EvaluationError;
 use crate::formats::{read_if_there, write_safely};
 use crate::forward::{Design, ForwardModel, open_set};
-use crate::information::Protocol;
 use crate::optics::Encoder;
-
-/// Time of the first and the last fit of a run, and of a step with its share of the other fits: 1,600 steps take 8 to 9 min on two cores.
-const FIRST_AND_LAST_FIT: Duration = Duration::from_secs(40);
-const TIME_OF_STEP: Duration = Duration::from_millis(300);
 
 /// The mask of an optimizer run (IDEAL) from the mask of `design`, for its objects and noise. The run resumes from the state of an
 /// interrupted one, and leaves its design beside the cell.
@@ -53,25 +48,6 @@ pub(super) fn designed(
     let design = Design { encoder: encoder.clone(), ..design };
     design.save(&file).map_err(|error| CellError::Failed(error.to_string()))?;
     Ok(encoder)
-}
-
-/// Estimated time of the optimizer run of a cell; none without one.
-pub(super) fn time_of_design(cell: &CellSettings) -> Duration {
-    let StudyMask::Ideal { freedom, .. } = cell.mask else { return Duration::ZERO };
-    let steps = settings_of(cell, freedom, &cell.design(Design::default().encoder)).steps;
-    FIRST_AND_LAST_FIT + TIME_OF_STEP * u32::try_from(steps).unwrap_or(u32::MAX)
-}
-
-/// The settings of `optimize` for a cell: the published ones where the cell has the published protocol.
-fn settings_of(cell: &CellSettings, freedom: Freedom, design: &Design) -> IdealSettings {
-    let preset = if cell.estimates.protocol == Protocol::Paper { Preset::Paper } else { Preset::Default };
-    let settings = IdealSettings::new(preset, Objective::usual(preset, &design.objects), design.seed);
-    IdealSettings {
-        steps: cell.estimates.ideal_steps.unwrap_or(settings.steps),
-        anisotropic: freedom == Freedom::Elliptic,
-        free: Free { weights: freedom != Freedom::EqualWeights, ..Free::default() },
-        ..settings
-    }
 }
 
 /// The current step of a run, for people.

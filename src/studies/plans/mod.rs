@@ -10,6 +10,7 @@ mod facet;
 mod figure;
 mod folder;
 mod ideal;
+mod ideal_settings;
 mod named;
 mod paint;
 mod plan;

@@ -10,7 +10,7 @@ use super::axes::{Axes, Axis};
 use super::cell::CellSettings;
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
-use super::ideal::time_of_design;
+use super::ideal_settings::time_of_design;
 use super::reconstruction::ReconstructionSettings;
 use crate::formats::{FormatError, write_safely};
 use crate::information::{Estimator, Protocol};
