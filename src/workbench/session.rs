@@ -16,9 +16,11 @@ use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 use crate::workbench::background::activity::{Activities, Activity, ActivityKind};
+use crate::workbench::background::mailbox::MailboxThread;
 use crate::workbench::background::threads::{Threads, Wake};
 use crate::workbench::cameras::desk::CameraDesk;
-use crate::workbench::captures::capturer::Capturer;
+use crate::workbench::captures::capturer;
+use crate::workbench::captures::queue::CaptureQueue;
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
@@ -26,11 +28,14 @@ use crate::workbench::jobs::job::{Job, Outcome};
 use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
 use crate::workbench::live::published::{Live, Wanted};
-use crate::workbench::reconstructions::reconstructor::Reconstructor;
+use crate::workbench::reconstructions::queue::ReconstructionQueue;
+use crate::workbench::reconstructions::reconstructor;
 use crate::workbench::runs::RunThread;
 use crate::workbench::session::run_preview::RunPreview;
-use crate::workbench::studies::study_thread::StudyThread;
-use crate::workbench::trainings::trainer::Trainer;
+use crate::workbench::studies::queue::StudyQueue;
+use crate::workbench::studies::study_thread;
+use crate::workbench::trainings::queue::TrainingQueue;
+use crate::workbench::trainings::trainer;
 
 /// The open design with its revision, its history, its file, the worker that evaluates it, and the run that optimizes it.
 ///
@@ -55,10 +60,10 @@ pub struct Session {
     threads: Threads,
     activities: Activities,
     pub(crate) worker: Worker,
-    pub(crate) reconstructor: Reconstructor,
-    pub(crate) capturer: Capturer,
-    pub(crate) trainer: Trainer,
-    pub(crate) study: StudyThread,
+    pub(crate) reconstructor: MailboxThread<ReconstructionQueue>,
+    pub(crate) capturer: MailboxThread<CaptureQueue>,
+    pub(crate) trainer: MailboxThread<TrainingQueue>,
+    pub(crate) study: MailboxThread<StudyQueue>,
     pub(crate) cameras: CameraDesk,
     pub(in crate::workbench) designer: RunThread,
     pub(crate) watched: RunPreview,
@@ -81,7 +86,7 @@ impl Session {
         let wake: Wake = Arc::new(wake);
         let (threads, activities) = (Threads::default(), Activities::default());
         let worker = Worker::start(Arc::clone(&wake), &threads, activities.clone())?;
-        let trainer = Trainer::start(Arc::clone(&wake), threads.clone(), activities.clone())?;
+        let trainer = trainer::start(Arc::clone(&wake), threads.clone(), activities.clone())?;
         let design = Arc::new(design);
         worker.evaluate(Wanted { revision: 1, design: Arc::clone(&design), before: None });
         let session = Self {
@@ -95,11 +100,11 @@ impl Session {
             history: History::default(),
             path,
             worker,
-            reconstructor: Reconstructor::start(Arc::clone(&wake), threads.clone())?,
+            reconstructor: reconstructor::start(Arc::clone(&wake), threads.clone())?,
             trainer,
-            study: StudyThread::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
+            study: study_thread::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             cameras: CameraDesk::start(&wake, &threads, &activities)?,
-            capturer: Capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
+            capturer: capturer::start(Arc::clone(&wake), threads.clone(), activities.clone())?,
             designer: RunThread::start_thread(Arc::clone(&wake), threads.clone(), activities.clone())?,
             wake,
             threads,
@@ -432,12 +437,12 @@ impl Session {
                     None
                 }
                 Ok(Outcome::NetworkExported { network, path }) => {
-                    self.trainer.note_file(network, path);
+                    self.trainer.change(|queue| queue.networks_mut().note_file(network, path));
                     None
                 }
                 Ok(Outcome::Saved { document, contents, network, path }) => {
                     if let Some(Ok((network, weights))) = network {
-                        self.trainer.note_file(network, weights);
+                        self.trainer.change(|queue| queue.networks_mut().note_file(network, weights));
                     }
                     if *document == self.document {
                         self.saved_contents = *contents;

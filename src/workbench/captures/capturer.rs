@@ -4,37 +4,19 @@ use crate::workbench::background::activity::Activities;
 use crate::workbench::background::mailbox::{MailboxThread, ThreadSettings};
 use crate::workbench::background::threads::{Threads, Wake, Work};
 use crate::workbench::captures::computation;
-use crate::workbench::captures::queue::{CaptureOrder, CaptureQueue, CaptureReconstruction};
+use crate::workbench::captures::queue::CaptureQueue;
 
-/// Handle of the thread. Dropping it stops the running order.
-pub(crate) struct Capturer {
-    thread: MailboxThread<CaptureQueue>,
-}
-
-impl Capturer {
-    /// Starts the thread.
-    ///
-    /// # Errors
-    /// Where the operating system gives no thread.
-    pub fn start(wake: Wake, threads: Threads, activities: Activities) -> std::io::Result<Self> {
-        let settings = ThreadSettings { name: "lenslet-capture", work: Work::Reconstruction, threads, wake };
-        Ok(Self { thread: MailboxThread::start(settings, CaptureQueue::new(activities), || computation::run)? })
-    }
-
-    /// Orders a capture in place of earlier ones.
-    pub fn order(&self, order: CaptureOrder) {
-        self.thread.publish(|queue| queue.order(order));
-    }
-
-    /// Stops the running and the waiting order.
-    pub fn cancel(&self) {
-        self.thread.publish(CaptureQueue::cancel);
-    }
-
-    /// The newest order with its results.
-    pub fn newest(&self) -> Option<CaptureReconstruction> {
-        self.thread.look(|queue| queue.newest().cloned())
-    }
+/// Starts the thread. Dropping it stops the running order.
+///
+/// # Errors
+/// Where the operating system gives no thread.
+pub(crate) fn start(
+    wake: Wake,
+    threads: Threads,
+    activities: Activities,
+) -> std::io::Result<MailboxThread<CaptureQueue>> {
+    let settings = ThreadSettings { name: "lenslet-capture", work: Work::Reconstruction, threads, wake };
+    MailboxThread::start(settings, CaptureQueue::new(activities), || computation::run)
 }
 
 #[cfg(test)]
@@ -50,7 +32,7 @@ mod tests {
     use crate::sensor::Convolution;
     use crate::workbench::background::activity::ActivityState;
     use crate::workbench::background::threads::lock;
-    use crate::workbench::captures::queue::CaptureState;
+    use crate::workbench::captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 
     /// Three spots before a mask of two, in colour where `channels` is 3.
     fn write_capture(folder: &Path, channels: usize) -> CaptureOrder {
@@ -78,18 +60,18 @@ mod tests {
         CaptureOrder { files, decoder: DecoderKind::RichardsonLucy }
     }
 
-    fn start() -> (Capturer, Activities, Receiver<()>) {
+    fn capturer() -> (MailboxThread<CaptureQueue>, Activities, Receiver<()>) {
         let (wake, woken) = channel();
         let wake = Mutex::new(wake);
         let wake: Wake = Arc::new(move || lock(&wake).send(()).unwrap_or_default());
         let activities = Activities::default();
-        (Capturer::start(wake, Threads::default(), activities.clone()).unwrap(), activities, woken)
+        (start(wake, Threads::default(), activities.clone()).unwrap(), activities, woken)
     }
 
     /// The newest order once it is no longer open.
-    fn ended(capturer: &Capturer, woken: &Receiver<()>) -> CaptureReconstruction {
+    fn ended(capturer: &MailboxThread<CaptureQueue>, woken: &Receiver<()>) -> CaptureReconstruction {
         loop {
-            let newest = capturer.newest().unwrap();
+            let newest = capturer.look(|queue| queue.newest().cloned()).unwrap();
             if !newest.state.is_open() {
                 return newest;
             }
@@ -100,9 +82,9 @@ mod tests {
     #[test]
     fn capture_is_reconstructed_with_its_images_and_its_activity() {
         let folder = tempfile::tempdir().unwrap();
-        let (capturer, activities, woken) = start();
+        let (capturer, activities, woken) = capturer();
         let order = write_capture(folder.path(), 1);
-        capturer.order(order.clone());
+        capturer.publish(|queue| queue.order(order.clone()));
         let found = ended(&capturer, &woken);
         assert!(matches!(found.state, CaptureState::Done { .. }), "{:?}", found.state);
         assert_eq!(found.measurement.unwrap().dim(), (32, 36, 1));
@@ -115,24 +97,24 @@ mod tests {
     #[test]
     fn missing_file_is_one_sentence_and_the_next_order_works() {
         let folder = tempfile::tempdir().unwrap();
-        let (capturer, activities, woken) = start();
+        let (capturer, activities, woken) = capturer();
         let order = write_capture(folder.path(), 1);
         let missing = CaptureFiles { psf: folder.path().join("none.tif"), ..order.files.clone() };
-        capturer.order(CaptureOrder { files: missing, ..order.clone() });
+        capturer.publish(|queue| queue.order(CaptureOrder { files: missing, ..order.clone() }));
         let found = ended(&capturer, &woken);
         assert!(matches!(&found.state, CaptureState::Failed(sentence) if sentence.contains("none.tif")), "{found:?}");
         assert!(matches!(activities.all()[0].state, ActivityState::Failed(_)));
-        capturer.order(order);
+        capturer.publish(|queue| queue.order(order));
         assert!(matches!(ended(&capturer, &woken).state, CaptureState::Done { .. }));
     }
 
     #[test]
     fn cancelled_order_is_stopped() {
         let folder = tempfile::tempdir().unwrap();
-        let (capturer, activities, woken) = start();
+        let (capturer, activities, woken) = capturer();
         let order = write_capture(folder.path(), 1);
-        capturer.order(order);
-        capturer.cancel();
+        capturer.publish(|queue| queue.order(order));
+        capturer.publish(CaptureQueue::cancel);
         let found = ended(&capturer, &woken);
         // It may have ended before it could be stopped.
         assert!(matches!(found.state, CaptureState::Stopped | CaptureState::Done { .. }), "{:?}", found.state);

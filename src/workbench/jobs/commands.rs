@@ -256,14 +256,18 @@ fn quoted(word: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
     use std::time::Duration;
 
     use super::*;
+    use crate::camera::{BayerPattern, ColourChannel, ColourChoice};
     use crate::design::Objective;
+    use crate::evaluation::{MeasuredOptions, View};
     use crate::information::{EngineChoice, Estimator};
     use crate::objects::ObjectSource;
     use crate::optics::random_layout;
     use crate::reconstruction::CaptureFiles;
+    use crate::sensor::Noise;
 
     fn request(model: DensityModel) -> EstimateRequest {
         EstimateRequest { model, ..EstimateRequest::default() }
@@ -301,6 +305,32 @@ mod tests {
         let text = images_command(&order, &request(model), &Design::default());
         let head = "lenslet-studio estimate --measurements '/data/a b.npy' --gain 0.5 --offset=-3 --bin 2 --noise shot --seed 1";
         assert!(text.starts_with(head) && text.contains("--estimator causal --patch 32x32 --budget 90s"), "{text}");
+    }
+
+    #[test]
+    fn commands_name_systems_and_their_options() {
+        let view = View { crop: "8x9+1+2".parse().ok(), quarter_turns: 3, is_mirrored: true };
+        let options = MeasuredOptions { dark: Some("/data/dark".into()), view, ..MeasuredOptions::default() };
+        let sources = ["/data/a b", "/data/c.npy"].map(|path| std::path::PathBuf::from(path).into()).to_vec();
+        let mut order = ComparisonOrder {
+            captures: Arc::new(SystemCaptures { sources, options: options.clone() }),
+            request: EstimateRequest::new(Estimator::GaussianStationary),
+            noise: Noise::Shot,
+            equal_light: Some(500.0),
+            seed: 3,
+            is_simultaneous: true,
+        };
+        let text = comparison_command(&order, true);
+        let head = "lenslet-studio estimate --measurements '/data/a b' --measurements /data/c.npy --gain 1 --dark /data/dark \
+                    --crop 8x9+1+2 --rotate 270 --mirror --bin 1 --simultaneous --equal-light 500 --noise shot --seed 3 \
+                    --estimator gaussian-stationary";
+        assert!(text.starts_with(head), "{text}");
+        let colour = ColourChoice { channel: Some(ColourChannel::G1), bayer: Some(BayerPattern::Bggr) };
+        let options = MeasuredOptions { camera: Some("/data/camera.json".into()), colour, ..options };
+        order.captures = Arc::new(SystemCaptures { sources: order.captures.sources.clone(), options });
+        let text = comparison_command(&order, false);
+        assert!(text.contains(" --camera /data/camera.json --dark /data/dark --channel g1 --bayer BGGR "), "{text}");
+        assert!(!text.contains("--noise") && !text.contains("--gain") && !text.contains("--equal-light"), "{text}");
     }
 
     #[test]

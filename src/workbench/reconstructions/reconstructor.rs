@@ -3,43 +3,15 @@
 use crate::workbench::background::mailbox::{MailboxThread, ThreadSettings};
 use crate::workbench::background::threads::{Threads, Wake, Work};
 use crate::workbench::reconstructions::computation::ReconstructionComputation;
-use crate::workbench::reconstructions::queue::{ReconstructionQueue, ReconstructionRequest, Reconstructions};
+use crate::workbench::reconstructions::queue::ReconstructionQueue;
 
-/// Handle of the thread. Dropping it cancels the running reconstruction.
-pub(crate) struct Reconstructor {
-    thread: MailboxThread<ReconstructionQueue>,
-}
-
-impl Reconstructor {
-    /// Starts the thread.
-    ///
-    /// # Errors
-    /// Where the operating system gives no thread.
-    pub fn start(wake: Wake, threads: Threads) -> std::io::Result<Self> {
-        let settings = ThreadSettings { name: "lenslet-reconstructor", work: Work::Reconstruction, threads, wake };
-        let queue = ReconstructionQueue::default();
-        Ok(Self { thread: MailboxThread::start(settings, queue, ReconstructionComputation::default)? })
-    }
-
-    /// Requests a reconstruction; replaces a waiting request.
-    pub fn request(&self, request: ReconstructionRequest) {
-        self.thread.change(|queue| queue.request(request));
-    }
-
-    /// Stops the running and drops the waiting request.
-    pub fn stop(&self) {
-        self.thread.change(ReconstructionQueue::stop);
-    }
-
-    /// The latest results.
-    pub fn results(&self) -> Reconstructions {
-        self.thread.look(|queue| queue.results().clone())
-    }
-
-    /// Whether results are still to come.
-    pub fn is_computing(&self) -> bool {
-        self.thread.look(ReconstructionQueue::is_computing)
-    }
+/// Starts the thread. Dropping it cancels the running reconstruction.
+///
+/// # Errors
+/// Where the operating system gives no thread.
+pub(crate) fn start(wake: Wake, threads: Threads) -> std::io::Result<MailboxThread<ReconstructionQueue>> {
+    let settings = ThreadSettings { name: "lenslet-reconstructor", work: Work::Reconstruction, threads, wake };
+    MailboxThread::start(settings, ReconstructionQueue::default(), ReconstructionComputation::default)
 }
 
 #[cfg(test)]
@@ -55,7 +27,7 @@ mod tests {
     use crate::reconstruction::{DecoderKind, DecoderScene, DecoderTest, ReconstructionError};
     use crate::workbench::background::threads::lock;
     use crate::workbench::reconstructions::networks::Networks;
-    use crate::workbench::reconstructions::queue::ReconstructionKey;
+    use crate::workbench::reconstructions::queue::{ReconstructionKey, ReconstructionRequest, Reconstructions};
 
     fn request(design: Design, decoder: DecoderKind, test_objects: usize) -> ReconstructionRequest {
         let design = Arc::new(design);
@@ -82,12 +54,12 @@ mod tests {
         let (wake, woken) = channel();
         let wake = Mutex::new(wake);
         let wake: Wake = Arc::new(move || lock(&wake).send(()).unwrap_or_default());
-        let reconstructor = Reconstructor::start(wake, Threads::default()).unwrap();
-        reconstructor.request(request);
-        while reconstructor.is_computing() {
+        let reconstructor = start(wake, Threads::default()).unwrap();
+        reconstructor.change(|queue| queue.request(request));
+        while reconstructor.look(ReconstructionQueue::is_computing) {
             woken.recv().unwrap();
         }
-        reconstructor.results()
+        reconstructor.look(|queue| queue.results().clone())
     }
 
     #[test]

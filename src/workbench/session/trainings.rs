@@ -8,7 +8,7 @@ use crate::workbench::jobs::job::Job;
 use crate::workbench::reconstructions::networks::{KnownNetwork, weights_beside};
 use crate::workbench::reconstructions::queue::ReconstructionKey;
 use crate::workbench::session::Session;
-use crate::workbench::trainings::queue::{TrainingOrder, TrainingScope, Trainings};
+use crate::workbench::trainings::queue::{TrainingOrder, TrainingQueue, TrainingScope, Trainings};
 
 /// Message where the objects are not read yet.
 const NO_OBJECTS: &str = "the objects of this design are not read yet; train when they are";
@@ -22,27 +22,28 @@ impl Session {
         let scene = self.worker.live().scene.filter(|scene| scene.value.serves(&self.design));
         let scene = Arc::clone(&scene.ok_or(NO_OBJECTS)?.value);
         let (design, document) = (Arc::clone(&self.design), self.document);
-        self.trainer.order(TrainingOrder { design, scene, document, scope, budget })
+        let order = TrainingOrder { design, scene, document, scope, budget };
+        self.trainer.change(|queue| queue.order(order))
     }
 
     /// Pauses or resumes the training.
     pub fn pause_training(&self, pause: bool) {
-        self.trainer.pause(pause);
+        self.trainer.publish(|queue| queue.pause(pause));
     }
 
     /// Stops the training. The best weights so far are kept.
     pub fn stop_training(&self) {
-        self.trainer.stop();
+        self.trainer.publish(TrainingQueue::stop);
     }
 
     /// The present or last training, and the trained networks.
     pub fn trainings(&self) -> Trainings {
-        self.trainer.trainings()
+        self.trainer.look(|queue| queue.trainings().clone())
     }
 
     /// Whether a trained network is in no file.
     pub fn has_unsaved_network(&self) -> bool {
-        self.trainer.look(|all| all.networks.has_unsaved())
+        self.trainer.look(|queue| queue.trainings().networks.has_unsaved())
     }
 
     /// Reads a network from a file; it is refused where it does not serve the open design.
@@ -64,14 +65,14 @@ impl Session {
     /// Adds a network that was read from a file.
     pub(crate) fn add_network(&self, network: &Arc<TrainedNetwork>, document: u64, path: &Path) {
         let known = KnownNetwork { network: Arc::clone(network), document, path: Some(path.to_path_buf()) };
-        self.trainer.add(known);
+        self.trainer.publish(|queue| queue.networks_mut().add(known));
     }
 
     /// The network that is saved with the open design: the one that is known to serve it, or else the newest one of this document.
     pub(crate) fn network_to_save(&self) -> Option<Arc<TrainedNetwork>> {
         let is_of_open = |key: ReconstructionKey| key.revision == self.revision && self.open.is_none();
-        let shown = self.reconstructor.results().shown.filter(|shown| is_of_open(shown.key));
-        let newest = || self.trainer.look(|all| all.networks.of_document(self.document).cloned());
+        let shown = self.reconstructions().shown.filter(|shown| is_of_open(shown.key));
+        let newest = || self.trainer.look(|queue| queue.trainings().networks.of_document(self.document).cloned());
         shown.and_then(|shown| shown.trained_network().cloned()).or_else(newest)
     }
 }
