@@ -1,6 +1,6 @@
 //! Files of images: their interpretation is shown before use, and can be corrected there. Files that are dropped on the window.
 
-use super::psf_import::{type_psf_path, wait_for_image};
+use super::psf_import::{import_typed, type_psf_path, wait_for_image};
 use super::waiting::wait_for;
 use super::*;
 
@@ -117,7 +117,7 @@ fn dropped_files_are_opened() {
     lenslet_studio::formats::write_array(&image, spot.view()).unwrap();
     drop(&mut window, image);
     click(&mut window, "As PSF");
-    click(&mut window, "Import");
+    import_typed(&mut window);
     wait_for_image(&mut window);
     assert_eq!(studio(&window).session().live().optics.unwrap().value.image.dim(), (16, 16));
 }
@@ -148,7 +148,7 @@ fn unused_dropped_files_are_named() {
     drop(&mut window, &images[2..5]);
     window.get_by_label_contains("Only 2.npy can be used");
     click(&mut window, "2.npy as PSF");
-    click(&mut window, "Import");
+    import_typed(&mut window);
     wait_for_image(&mut window);
     menu(&mut window, &["View", "Messages"]);
     assert!(window.query_all_by_label("2.npy is used; not used: 3.npy, 4.npy").next().is_some());

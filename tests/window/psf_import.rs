@@ -30,6 +30,14 @@ pub fn type_psf_path(window: &mut Window, path: &Path) {
     window.run_steps(2);
 }
 
+/// Imports the path of the dialog by Enter, whether the preview is there or not. A click would miss the button where the preview comes at
+/// that moment and moves it.
+pub fn import_typed(window: &mut Window) {
+    window.run_steps(2);
+    window.key_press(Key::Enter);
+    window.run_steps(2);
+}
+
 /// Waits until an imported PSF is the mask, and its numbers are there.
 pub fn wait_for_image(window: &mut Window) {
     let is_image = |window: &Window| matches!(studio(window).session().design().encoder, Encoder::Image(_));
@@ -138,7 +146,7 @@ fn import_waits_for_the_preview_and_can_be_cancelled_in_a_small_window() {
     let none = folder.path().join("none.png");
     menu(&mut window, &["File", "Import PSF..."]);
     type_psf_path(&mut window, &none);
-    click(&mut window, "Import");
+    import_typed(&mut window);
     wait_for(&mut window, "the refusal", |window| is_shown(window, "none.png: expected a file, found nothing"));
     settle(&mut window);
     window.get_by_label("Save settings...");

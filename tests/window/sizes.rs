@@ -7,7 +7,12 @@ fn design_of(window: &Window) -> &Design {
 }
 
 fn value_of(window: &Window, name: &str) -> String {
-    window.get_by_label(name).value().unwrap_or_default()
+    window.get_by_role_and_label(Role::Image, name).value().unwrap_or_default()
+}
+
+/// A window so high that the whole panel is in sight.
+fn open_high(design: Design) -> Window {
+    open_sized(design, Vec2::new(1280.0, 1200.0))
 }
 
 /// Replaces the number in a field, whose label has the same text.
@@ -28,7 +33,7 @@ fn shows(window: &Window, text: &str) -> bool {
 
 #[test]
 fn typed_sizes_change_field_and_grid_in_one_undo_step_each() {
-    let mut window = open(Design::default());
+    let mut window = open_high(Design::default());
     click(&mut window, "Scene");
     type_size(&mut window, "Field rows", "192");
     type_size(&mut window, "Field columns", "160");
@@ -55,7 +60,7 @@ fn typed_sizes_change_field_and_grid_in_one_undo_step_each() {
 
 #[test]
 fn the_field_has_room_for_the_grid() {
-    let mut window = open(Design::default());
+    let mut window = open_high(Design::default());
     click(&mut window, "Scene");
     type_size(&mut window, "Field rows", "31");
     assert!(shows(&window, "Field rows: \"31\" is not between 32 and 1024; 96 stays"));
@@ -69,7 +74,7 @@ fn the_field_has_room_for_the_grid() {
 
 #[test]
 fn a_pixel_pitch_gives_physical_scales() {
-    let mut window = open(Design::default());
+    let mut window = open_high(Design::default());
     click(&mut window, "Scene");
     let before = value_of(&window, "Measurement");
     assert!(before.contains("scale bar") && !before.contains('\u{b5}'), "{before}");
@@ -94,7 +99,7 @@ fn whole_images_are_placed_as_chosen() {
     let pixels = ndarray::Array3::from_shape_fn((4, 70, 90), |(n, row, col)| (1 + (n + row * col) % 17) as f32);
     let file = folder.path().join("images.npy");
     lenslet_studio::formats::write_array(&file, pixels.view()).unwrap();
-    let mut window = open(Design { objects: ObjectSource::Images(file), ..Design::default() });
+    let mut window = open_high(Design { objects: ObjectSource::Images(file), ..Design::default() });
     click(&mut window, "Scene");
     for (name, text) in
         [("Tiled images", "70 x 90 px repeated to 96 x 96 px"), ("Cropped images", "in the middle of 96 x 96 px")]

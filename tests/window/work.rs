@@ -11,7 +11,7 @@ use lenslet_studio::workbench::{ActivityState, RunStatus};
 
 use super::estimates::small_stripes;
 use super::home::at_home;
-use super::psf_import::{type_psf_path, wait_for_image};
+use super::psf_import::{import_typed, type_psf_path, wait_for_image};
 use super::runs::{TALL, shorten_run};
 use super::waiting::{stop_run, wait_for, wait_for_stop};
 use super::*;
@@ -98,21 +98,24 @@ fn copied_commands_reproduce_numbers_bit_for_bit() {
 #[test]
 fn stale_numbers_are_marked_and_not_exported() {
     let folder = tempfile::tempdir().unwrap();
-    let mut window = open(Design::default());
+    let objects = folder.path().join("objects.npy");
+    let pixels = ndarray::Array3::from_shape_fn((60, 48, 48), |(n, row, col)| ((n + row * col) % 17) as f32);
+    lenslet_studio::formats::write_array(&objects, pixels.view()).unwrap();
+    let mut window = open(Design { objects: ObjectSource::Stack(objects), ..Design::default() });
     let can_export = |window: &Window| !window.get_by_label("Export measurements...").accesskit_node().is_disabled();
     let is_stale = |window: &Window| {
         let label = |node: egui_kittest::Node<'_>| node.accesskit_node().label().unwrap_or_default();
         let mut meters = window.query_all_by_label_contains("Sensor Tamura").map(label);
         meters.any(|meter| meter.ends_with(", of an earlier edit"))
     };
-    // A PSF larger than the objects has no measurement.
+    // A PSF larger than the objects of a stack has no measurement.
     let file = folder.path().join("large.npy");
     lenslet_studio::formats::write_array(&file, ndarray::Array2::<f32>::ones((128, 128)).view()).unwrap();
     click(&mut window, "File");
     assert!(can_export(&window) && !is_stale(&window));
     click(&mut window, "Import PSF...");
     type_psf_path(&mut window, &file);
-    click(&mut window, "Import");
+    import_typed(&mut window);
     wait_for_image(&mut window);
     let live = studio(&window).session().live();
     let (revision, failure) = live.failure.unwrap();
@@ -142,7 +145,7 @@ fn lenslets_are_fitted_to_imported_psf() {
     assert!(window.get_by_label("Fit lenslets to this PSF").accesskit_node().is_disabled(), "it has lenslets");
     click(&mut window, "Import PSF...");
     type_psf_path(&mut window, &file);
-    click(&mut window, "Import");
+    import_typed(&mut window);
     wait_for_image(&mut window);
     settle(&mut window);
     assert!(lenslets(&window).is_empty());

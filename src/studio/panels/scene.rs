@@ -23,10 +23,10 @@ pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
         objects(ui, view, requests);
         ui.add_space(6.0);
         ui.separator();
-        sizes(ui, view.design, requests);
+        sensor(ui, view.design, requests);
         ui.add_space(6.0);
         ui.separator();
-        sensor(ui, view.design, requests);
+        sizes(ui, view.design, requests);
     });
 }
 
