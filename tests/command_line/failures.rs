@@ -165,7 +165,7 @@ fn designs_that_cannot_be_are_named() {
     type Change = fn(&mut Value);
     let bench = Bench::new();
     let cases: [(Change, &str); 22] = [
-        (|design| design["format_version"] = json!(3), "newer Lenslet Studio"),
+        (|design| design["format_version"] = json!(4), "newer Lenslet Studio"),
         (|design| design["format_version"] = json!(u64::MAX), "newer Lenslet Studio"),
         (|design| design["format_version"] = json!(0), "format_version"),
         (|design| design["format_version"] = json!("1"), "format_version"),

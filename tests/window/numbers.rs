@@ -106,7 +106,6 @@ fn rejection_message_names_old_number() {
         ("Captures: gain", "", "Captures: gain: no number was typed; 0.46 stays"),
         ("Captures: bin", "2,5", "Captures: bin: \"2,5\" is not a whole number; 1 stays"),
         ("Captures: bin", "65", "Captures: bin: \"65\" is not between 1 and 64; 1 stays"),
-        ("Steps of the fit to images", "2 k", "Steps of the fit to images: \"2 k\" is not a number; 2000 stays"),
         ("Lenslet 1 x", "99 px", "Lenslet 1 x: \"99 px\" is not between 0 and 31; 16.00 px stays"),
         ("Lenslet 1 weight", "-0,1", "Lenslet 1 weight: \"-0,1\" is not between 0 and 1000000; "),
     ] {

@@ -23,7 +23,8 @@ fn type_size(window: &mut Window, field: &str, text: &str) {
     window.get_by_role_and_label(Role::SpinButton, field).type_text(text);
     window.run_steps(2);
     window.key_press(Key::Enter);
-    window.run_steps(4);
+    // The text above the fields changes with the objects, and moves them.
+    settle(window);
 }
 
 /// Whether a shown text contains `text`.

@@ -128,8 +128,9 @@ impl PsfImportReport {
             PsfWindow::Auto | PsfWindow::Rectangle(_) => "; ?window=all keeps all",
             PsfWindow::All => "; choose a bin that divides the sides",
         };
+        let verb = if window == PsfWindow::All { "holds" } else { "hold" };
         Some(format!(
-            "{place}{pixels} hold {} of the light, {} is cut off{advice}",
+            "{place}{pixels} {verb} {} of the light, {} is cut off{advice}",
             percent(self.light_kept),
             percent(lost)
         ))

@@ -87,10 +87,10 @@ fn light_that_is_cut_off_is_told_with_what_keeps_it() {
     let path = bench.write("wide.npy", &[48, 64], wide);
     let told = sentences(&path, "@32");
     assert!(told.contains("areas of 1.50 x 1.50 px hold 19 % of the light, 81 % is cut off; ?window=auto"), "{told}");
-    assert_eq!(import(&path, "?window=all@32").unwrap().image.psf.dim(), (24, 32));
-    let told = sentences(&path, "?window=all@32");
+    assert_eq!(import(&path, "?window=all&grid=32").unwrap().image.psf.dim(), (24, 32));
+    let told = sentences(&path, "?window=all&grid=32");
     assert!(
-        told.contains("the whole photograph in areas of 2 x 2 px hold 100 % of the light, 0 % is cut off"),
+        told.contains("the whole photograph in areas of 2 x 2 px holds 100 % of the light, 0 % is cut off"),
         "{told}"
     );
     let told = sentences(&path, "?window=0,0,48,10");
