@@ -118,7 +118,7 @@ fn one_lenslet_before_points_becomes_as_sharp_as_it_may() {
         rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.03, weight: 1e-3, relative_weight: 0.0 },
         ..settings()
     };
-    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.3, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let state = ideal.state();
     let (first, last) = (state.checkpoints.first().unwrap(), state.checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
@@ -158,7 +158,7 @@ fn one_lenslet_before_gaussian_objects_becomes_as_sharp_as_it_may() {
         rates: lenslet_studio::design::Rates { position: 0.02, variance: 0.05, weight: 1e-3, relative_weight: 0.0 },
         ..settings()
     };
-    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.3, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.02, "{:?}", last.array);
     // Information of a Gaussian of the same covariance, in closed form.
@@ -187,7 +187,7 @@ fn the_posterior_leads_to_the_same_optimum_within_the_ceiling() {
     let relocation_candidates = IdealSettings::new(Preset::Default, Objective::Posterior, 3).relocation_candidates;
     let settings =
         IdealSettings { steps: 200, patches: 256, refit_every: 20, rates, relocation_candidates, ..up_the_posterior() };
-    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.3, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     assert!((last.array.lenslets[0].spot.mean_sigma() - 0.775).abs() < 0.05, "{:?}", last.array);
     assert!(last.interval_95[0] > first.interval_95[1], "{first:?} {last:?}");
@@ -210,7 +210,7 @@ fn the_published_procedure_sharpens_a_lenslet_too() {
     let rates = lenslet_studio::design::Rates { variance: 0.1, ..up_a_pixelcnn().rates };
     let settings =
         IdealSettings { steps: 40, patches: 64, refit_every: 20, first_fit: 60, refit: 60, rates, ..up_a_pixelcnn() };
-    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.3, 1.0)]), settings);
+    let ideal = run(&forward, &mask(vec![Lenslet::round(5.5, 5.5, 1.7, 1.0)]), settings);
     let (first, last) = (ideal.state().checkpoints.first().unwrap(), ideal.state().checkpoints.last().unwrap());
     let width = |checkpoint: &Checkpoint| checkpoint.array.lenslets[0].spot.mean_sigma();
     assert!(width(last) < width(first) - 0.3, "{last:?}");
