@@ -109,6 +109,10 @@ fn rejection_message_names_old_number() {
         ("Lenslet 1 x", "99 px", "Lenslet 1 x: \"99 px\" is not between 0 and 31; 16.00 px stays"),
         ("Lenslet 1 weight", "-0,1", "Lenslet 1 weight: \"-0,1\" is not between 0 and 1000000; "),
     ] {
+        if field == "Lenslet 1 x" {
+            // In the same place as the camera.
+            click(&mut window, "Lenslets");
+        }
         type_half(&mut window, field, text);
         window.key_press(Key::Enter);
         window.run_steps(3);
