@@ -27,6 +27,8 @@ const NAMES: f32 = 76.0;
 const LISTS: f32 = 150.0;
 /// Limits of a typed grey value, DN.
 const MOST_GREY: f64 = 1e9;
+/// Height of the report, of seven lines, points of the screen.
+const REPORT: f32 = 130.0;
 /// Initial values of a bin and a grid, pixels.
 const BIN: usize = 8;
 const GRID: usize = 32;
@@ -146,7 +148,11 @@ fn content(ui: &mut Ui, form: &mut PsfImportForm, palettes: &ColourPalettes) {
             ui.add_space(4.0);
             options(ui, form, &preview);
             ui.add_space(4.0);
-            report(ui, &preview.psf, preview.psf.as_ref().map(|imported| imported.summary.to_string()).ok());
+            // A dialog that grows moves under the pointer that drags the window.
+            ui.scope(|ui| {
+                ui.set_min_height(REPORT);
+                report(ui, &preview.psf, preview.psf.as_ref().map(|imported| imported.summary.to_string()).ok());
+            });
         }
         Err(sentence) => speak(&ui.colored_label(ui.visuals().warn_fg_color, sentence), Live::Polite),
     }
