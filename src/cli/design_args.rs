@@ -86,7 +86,7 @@ impl GridArg {
     }
 }
 
-/// A design, and what is to be told of the file of its mask.
+/// A design, and the notices on the file of its mask.
 pub struct NotedDesign {
     /// The design.
     pub design: Design,

@@ -12,11 +12,11 @@ use super::study_decoders::DecodersArgs;
 use super::study_plan::{Changes, PlanArgs};
 use super::study_run::{RunArgs, write_table};
 use crate::evaluation::format_duration;
-use crate::formats::write_safely;
+use crate::formats::{shell_word, write_safely};
 use crate::plural::counted;
 use crate::studies::plans::{
     BatchScript, CellState, NamedPlan, Shard, StudyFolder, StudyTable, figure_of, named_plans, shards_of_script,
-    shell_word, write_figure,
+    write_figure,
 };
 
 /// The batch script in the folder of a study.
@@ -215,7 +215,7 @@ impl MissingArgs {
         }
         let ranks = folder.ranks();
         let array = BatchScript::array_of(missing.iter().map(|&index| ranks[index]), tasks);
-        output::print(&format!("sbatch --array={array} {}", shell_word(&script)))
+        output::print(&format!("sbatch --array={array} {}", shell_word(&script.display().to_string())))
     }
 }
 
@@ -249,7 +249,7 @@ impl SbatchArgs {
             counted(folder.cells().len(), "cell"),
             counted(tasks, "task"),
             format_duration(script.time),
-            shell_word(&file)
+            shell_word(&file.display().to_string())
         ))
     }
 }

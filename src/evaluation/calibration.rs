@@ -1,4 +1,4 @@
-//! Conversion of grey values of a camera to photons, and the effect of whole grey values on an estimate.
+//! Conversion of grey values of a camera to photons.
 
 use ndarray::{Array3, ArrayView3, s};
 use serde::{Deserialize, Serialize};

@@ -6,7 +6,8 @@ use ndarray::{Array2, Array3, Axis};
 
 use crate::camera::{CalibratedCamera, ChosenFrames, ColourChoice};
 use crate::evaluation::calibration::Calibration;
-use crate::evaluation::measured::{LevelLimit, MeasuredImages};
+use crate::evaluation::level_limit::LevelLimit;
+use crate::evaluation::measured::MeasuredImages;
 use crate::evaluation::measured_checks::{fixed_pattern_note, grey_notes};
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;

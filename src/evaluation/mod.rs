@@ -6,6 +6,7 @@ pub(crate) mod checkpoint;
 pub(crate) mod comparison;
 pub(crate) mod equal_light;
 pub(crate) mod estimation;
+pub(crate) mod level_limit;
 pub(crate) mod measured;
 pub(crate) mod measured_checks;
 pub(crate) mod measured_error;

@@ -135,7 +135,18 @@ fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
 /// Checkpoint in memory, for tests.
 #[cfg(test)]
 #[derive(Default)]
-pub(in crate::information) struct InMemory(pub std::sync::Mutex<Option<Vec<u8>>>);
+pub(in crate::information) struct InMemory {
+    pub state: std::sync::Mutex<Option<Vec<u8>>>,
+    pub every: Duration,
+}
+
+#[cfg(test)]
+impl InMemory {
+    /// One that only a cancelled fit writes.
+    pub fn of_cancelled() -> Self {
+        Self { every: Duration::from_hours(24), ..Self::default() }
+    }
+}
 
 #[cfg(test)]
 impl FitCheckpoint for InMemory {
@@ -148,43 +159,15 @@ impl FitCheckpoint for InMemory {
     }
 
     fn every(&self) -> Duration {
-        Duration::ZERO
+        self.every
     }
 
     fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        Ok(self.0.lock().unwrap().clone())
+        Ok(self.state.lock().unwrap().clone())
     }
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        *self.0.lock().unwrap() = Some(state.to_vec());
+        *self.state.lock().unwrap() = Some(state.to_vec());
         Ok(())
-    }
-}
-
-/// Checkpoint in memory that only a cancelled fit writes, for tests.
-#[cfg(test)]
-#[derive(Default)]
-pub(in crate::information) struct OfCancelled(InMemory);
-
-#[cfg(test)]
-impl FitCheckpoint for OfCancelled {
-    fn key(&self) -> &str {
-        self.0.key()
-    }
-
-    fn place(&self) -> String {
-        self.0.place()
-    }
-
-    fn every(&self) -> Duration {
-        Duration::from_hours(24)
-    }
-
-    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        self.0.load()
-    }
-
-    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        self.0.store(state)
     }
 }

@@ -17,7 +17,7 @@ use crate::information::decoder::layers::Decoder;
 use crate::information::decoder::problem::Problem;
 use crate::information::decoder::samples::{Purpose, Reveal, Sample, SampleId};
 use crate::information::error::InformationError;
-use crate::information::fit_checkpoint::{FitCheckpoint, InMemory, OfCancelled};
+use crate::information::fit_checkpoint::{FitCheckpoint, InMemory};
 use crate::progress::CancelToken;
 use crate::sensor::Noise;
 
@@ -331,7 +331,7 @@ fn resumed_bound_equals_uninterrupted_bound() {
             (result.map(|bound| AisBound { seconds: 0.0, ..bound }), expected_nats)
         };
         let whole = run(None, usize::MAX).0.unwrap();
-        let keepers: [&dyn FitCheckpoint; 2] = [&InMemory::default(), &OfCancelled::default()];
+        let keepers: [&dyn FitCheckpoint; 2] = [&InMemory::default(), &InMemory::of_cancelled()];
         for keeper in keepers {
             assert_eq!(run(Some(keeper), 12).0, Err(InformationError::Cancelled));
             let (resumed, expected_nats) = run(Some(keeper), usize::MAX);
@@ -339,7 +339,7 @@ fn resumed_bound_equals_uninterrupted_bound() {
             assert_eq!((resumed.unwrap(), expected_nats[0] >= 8), (whole.clone(), true), "{expected_nats:?}");
         }
     }
-    let broken = InMemory(Some(b"a letter".to_vec()).into());
+    let broken = InMemory { state: Some(b"a letter".to_vec()).into(), ..InMemory::default() };
     let refusal = ais_upper_bound(&channel, &fit, decoder, Some(&broken), &mut CancelToken::new());
     let message = refusal.unwrap_err().to_string();
     assert!(message.contains("memory"), "{message}");

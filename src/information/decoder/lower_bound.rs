@@ -142,7 +142,7 @@ mod tests {
     use std::ops::ControlFlow;
 
     use super::*;
-    use crate::information::fit_checkpoint::{InMemory, OfCancelled};
+    use crate::information::fit_checkpoint::InMemory;
     use crate::progress::CancelToken;
     use ndarray::array;
 
@@ -192,13 +192,13 @@ mod tests {
         let (whole, whole_reported) = run(None, usize::MAX);
         let (whole, one) = whole.unwrap();
         let whole = LowerBound { seconds: 0.0, ..whole };
-        let keepers: [&dyn FitCheckpoint; 2] = [&InMemory::default(), &OfCancelled::default()];
+        let keepers: [&dyn FitCheckpoint; 2] = [&InMemory::default(), &InMemory::of_cancelled()];
         for keeper in keepers {
             let (stopped, before) = run(Some(keeper), 5);
             assert_eq!(stopped.unwrap_err(), InformationError::Cancelled);
             let (resumed, after) = run(Some(keeper), usize::MAX);
             assert_eq!((after[0].step, after[0].training_bits), (6, whole_reported[5].training_bits));
-            assert!(after[0].elapsed > before[3].elapsed, "the time goes on, too: {after:?}");
+            assert!(after[0].elapsed > before[3].elapsed, "the time continues, too: {after:?}");
             let (resumed, other) = resumed.unwrap();
             assert_eq!(one.weights(), other.weights());
             assert_eq!(whole, LowerBound { seconds: 0.0, ..resumed });

@@ -43,14 +43,14 @@ fn spots(cols: usize, level: f32, noise: f32) -> impl Fn(usize) -> f32 {
 }
 
 #[test]
-fn black_level_is_told_and_subtracted_where_it_is_asked_for() {
+fn black_level_is_reported_and_subtracted_where_it_is_asked_for() {
     let bench = Bench::new();
     let path = bench.write("psf.npy", &[32, 32], spots(32, 256.0, 2.0));
     let plain = import(&path, "").unwrap();
     let suspected = plain.report.suspected.unwrap();
     assert!((suspected.share - 0.956).abs() < 0.01, "{suspected:?}");
-    let told = sentences(&path, "");
-    assert!(told.contains("of all light if it is the black level; ?dark=corners subtracts it"), "{told}");
+    let reported = sentences(&path, "");
+    assert!(reported.contains("of all light if it is the black level; ?dark=corners subtracts it"), "{reported}");
     assert!(plain.image.photograph.is_none() && plain.report.noise_floor.is_none());
     let dark = import(&path, "?dark=corners").unwrap();
     assert!(sentences(&path, "?dark=corners").contains("from the corners is subtracted, 96.4 % of all grey value"));
@@ -77,7 +77,7 @@ fn slightly_negative_pixels_become_0_and_others_are_named() {
 }
 
 #[test]
-fn light_that_is_cut_off_is_told_with_what_keeps_it() {
+fn light_that_is_cut_off_is_reported_with_what_keeps_it() {
     let bench = Bench::new();
     let wide = |index: usize| match (index / 64, index % 64) {
         (_, 2 | 61) => 1.0,
@@ -85,16 +85,22 @@ fn light_that_is_cut_off_is_told_with_what_keeps_it() {
         _ => 0.0,
     };
     let path = bench.write("wide.npy", &[48, 64], wide);
-    let told = sentences(&path, "@32");
-    assert!(told.contains("areas of 1.50 x 1.50 px hold 19 % of the light, 81 % is cut off; ?window=auto"), "{told}");
-    assert_eq!(import(&path, "?window=all&grid=32").unwrap().image.psf.dim(), (24, 32));
-    let told = sentences(&path, "?window=all&grid=32");
+    let reported = sentences(&path, "@32");
     assert!(
-        told.contains("the whole photograph in areas of 2 x 2 px holds 100 % of the light, 0 % is cut off"),
-        "{told}"
+        reported.contains("areas of 1.50 x 1.50 px hold 19 % of the light, 81 % is cut off; ?window=auto"),
+        "{reported}"
     );
-    let told = sentences(&path, "?window=0,0,48,10");
-    assert!(told.contains("rows 0 to 47, columns 0 to 9 hold") && told.contains("?window=all keeps all"), "{told}");
+    assert_eq!(import(&path, "?window=all&grid=32").unwrap().image.psf.dim(), (24, 32));
+    let reported = sentences(&path, "?window=all&grid=32");
+    assert!(
+        reported.contains("the whole photograph in areas of 2 x 2 px holds 100 % of the light, 0 % is cut off"),
+        "{reported}"
+    );
+    let reported = sentences(&path, "?window=0,0,48,10");
+    assert!(
+        reported.contains("rows 0 to 47, columns 0 to 9 hold") && reported.contains("?window=all keeps all"),
+        "{reported}"
+    );
     for (query, part) in [
         ("?window=0,60,48,10", "expected a window within 48 x 64 px, found 0,60,48,10"),
         ("?window=0,0,4,4&bin=5", "bins of at most the window's 4 x 4 px, found 5"),
@@ -128,7 +134,7 @@ fn large_colour_photograph_is_refused_with_options_that_fit_it() {
     assert_eq!(imported.image.psf.dim(), (44, 44));
     assert!(imported.report.light_kept > 0.98, "{:?}", imported.report);
     assert!((imported.report.dark.unwrap().level - 17.0).abs() <= 1.0, "green, no weighted grey");
-    // Without a channel the green one is taken, and told.
+    // Without a channel the green one is taken, and reported.
     let other = import(&path, "?dark=corners&window=auto&bin=9").unwrap();
     assert_eq!(other.image.psf, imported.image.psf);
     assert!(other.summary.to_string().contains("channel 2 of 3"), "{}", other.summary);
@@ -150,7 +156,7 @@ fn axes_of_other_programs_are_read() {
 }
 
 #[test]
-fn saturated_photograph_is_told_first() {
+fn saturated_photograph_is_reported_first() {
     let bench = Bench::new();
     let path = bench.write("psf.npy", &[64, 64], |index| spots(64, 20.0, 1.0)(index).min(255.0));
     let many =
@@ -160,10 +166,14 @@ fn saturated_photograph_is_told_first() {
             |index| if index / 64 < 5 && index % 64 > 30 { 255.0 } else { (index % 90) as f32 },
         );
     assert!(import(&path, "").unwrap().report.saturated.is_none(), "15 pixels may have one value by chance");
-    let told = import(&many, "").unwrap();
-    assert_eq!(told.report.saturated.unwrap().value, 255.0);
-    assert!(told.report.sentences()[0].starts_with("4.0 % of the pixels are at 255"), "{:?}", told.report.sentences());
-    assert!(told.image.photograph.unwrap().saturated_share > 0.03);
+    let reported = import(&many, "").unwrap();
+    assert_eq!(reported.report.saturated.unwrap().value, 255.0);
+    assert!(
+        reported.report.sentences()[0].starts_with("4.0 % of the pixels are at 255"),
+        "{:?}",
+        reported.report.sentences()
+    );
+    assert!(reported.image.photograph.unwrap().saturated_share > 0.03);
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Settings that the estimates of all cells of a plan share.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 use crate::information::{Estimator, Protocol};
@@ -46,6 +48,20 @@ impl Default for EstimateSettings {
     }
 }
 
+/// Refuses the first number that is out of its range.
+pub(super) fn check_ranges(
+    numbers: impl IntoIterator<Item = (&'static str, usize, RangeInclusive<usize>)>,
+) -> Result<(), StudyError> {
+    match numbers.into_iter().find(|(_, found, range)| !range.contains(found)) {
+        Some((what, found, range)) => Err(StudyError::Plan {
+            what: what.into(),
+            expected: format!("{} to {}", range.start(), range.end()),
+            found: found.to_string(),
+        }),
+        None => Ok(()),
+    }
+}
+
 impl EstimateSettings {
     /// The settings of one cell: the time is that of its estimator, or none for one that is not fitted for a time.
     pub(super) fn of(self, estimator: Estimator) -> Self {
@@ -66,17 +82,12 @@ impl EstimateSettings {
         if let Some(seconds) = self.seconds.filter(|seconds| !(0.001..=604_800.0).contains(seconds)) {
             return refused("seconds", "0.001 s to one week", format!("{seconds} s"));
         }
-        for (what, found, range) in [
+        check_ranges([
             ("steps", self.steps.unwrap_or(1), 1..=10_000_000),
             ("patches_train", self.patches_train, 2..=1_000_000),
             ("patches_test", self.patches_test, 2..=1_000_000),
             ("trials", self.trials, 1..=1_000),
             ("ideal_steps", self.ideal_steps.unwrap_or(1), 1..=1_000_000),
-        ] {
-            if !range.contains(&found) {
-                return refused(what, &format!("{} to {}", range.start(), range.end()), found.to_string());
-            }
-        }
-        Ok(())
+        ])
     }
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::axes::Axis;
 use super::cell::{CellSettings, StudyMask};
+use crate::formats::text_form;
 use crate::forward::MaskSource;
 use crate::objects::ObjectSource;
 
@@ -23,9 +24,6 @@ pub enum Facet {
     Planes,
 }
 
-/// Mean of objects that set their photons themselves.
-pub(super) const OF_OBJECTS: &str = "of the objects";
-
 impl Facet {
     /// The value of a cell, for people. Objects have the name of their set.
     pub(super) fn value(self, sets: &BTreeMap<String, ObjectSource>, cell: &CellSettings) -> String {
@@ -35,7 +33,7 @@ impl Facet {
                 let named = sets.iter().find(|(_, source)| **source == cell.objects);
                 named.map_or_else(|| cell.objects.to_string(), |(name, _)| name.clone())
             }
-            Self::Axis(Axis::Photons) if !cell.objects.has_mean() => OF_OBJECTS.into(),
+            Self::Axis(Axis::Photons) if !cell.objects.has_mean() => "of the objects".into(),
             Self::Axis(Axis::Photons) => cell.mean_photons.to_string(),
             Self::Axis(Axis::Background) => cell.bias_photons.to_string(),
             Self::Axis(Axis::Noise) => cell.noise.to_string(),
@@ -99,19 +97,7 @@ impl FromStr for Facet {
     }
 }
 
-impl TryFrom<String> for Facet {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
-        text.parse()
-    }
-}
-
-impl From<Facet> for String {
-    fn from(facet: Facet) -> Self {
-        facet.to_string()
-    }
-}
+text_form!(Facet);
 
 impl fmt::Display for Facet {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::axes::Axis;
 use super::cell::{CellSettings, StudyMask};
-use super::facet::{Facet, OF_OBJECTS};
+use super::facet::Facet;
 use super::folder::CellState;
 use super::plan::{Plan, PlotSettings};
 use crate::forward::MaskSource;
@@ -117,6 +117,11 @@ pub struct Point {
 }
 
 impl Figure {
+    /// Whether the optima of a panel are marked.
+    pub fn marks_optima(&self, panel: &Panel) -> bool {
+        self.optima && panel.quantity == Quantity::Information
+    }
+
     /// The panels of information.
     pub fn information_panels(&self) -> impl Iterator<Item = &Panel> {
         self.panels.iter().filter(|panel| panel.quantity == Quantity::Information)
@@ -149,14 +154,15 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
     let places = numbers.unwrap_or_else(|| numbered(cells.iter().map(|cell| plan.value(roles.x, cell))));
     let mut ticks: Vec<Tick> = Vec::new();
     let mut panels: Vec<Panel> = Vec::new();
-    let others = others(plan, cells);
+    let line_facets: Vec<Facet> =
+        std::iter::once(roles.lines).chain(others(plan, cells).into_iter().map(Facet::Axis)).collect();
     for ((index, cell), &x) in cells.iter().enumerate().zip(&places) {
         if !ticks.iter().any(|tick| tick.x == x) {
             ticks.push(Tick { x, label: plan.value(roles.x, cell) });
         }
         let title = roles.panels.map_or(String::new(), |panels| format!("{panels} {}", plan.value(panels, cell)));
-        let names = std::iter::once(roles.lines).chain(others.iter().copied().map(Facet::Axis));
-        let name = names.map(|facet| plan.value(facet, cell)).collect::<Vec<_>>().join(", ");
+        let names: Vec<String> = line_facets.iter().map(|&facet| plan.value(facet, cell)).collect();
+        let name = names.join(", ");
         let line = line_of(&mut panels, Quantity::Information, &title, &name);
         line.points.extend(point_of(index, x, cell, &states[index]));
         if let Some(settings) = cell.reconstruction {
@@ -177,11 +183,7 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
         x_label: roles.x.label(is_numeric).into(),
         logarithmic: roles.logarithmic && is_numeric && ticks.iter().all(|tick| tick.x > 0.0),
         optima: roles.optima,
-        lines_label: std::iter::once(roles.lines)
-            .chain(others.iter().copied().map(Facet::Axis))
-            .map(|facet| facet.to_string())
-            .collect::<Vec<_>>()
-            .join(", "),
+        lines_label: line_facets.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
         panels,
         ticks,
     }
@@ -290,8 +292,8 @@ pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
         side => format!("patches of {side} px"),
     }));
     parts.extend(only(Axis::Noise).map(|noise| format!("{noise} noise")));
-    let photons = only(Axis::Photons).filter(|photons| photons != OF_OBJECTS);
-    parts.extend(photons.map(|photons| format!("mean of {photons} photons")));
+    let has_mean = cells.iter().any(|cell| cell.objects.has_mean());
+    parts.extend(only(Axis::Photons).filter(|_| has_mean).map(|photons| format!("mean of {photons} photons")));
     parts.extend(only(Axis::Background).map(|photons| format!("background of {photons} photons")));
     parts.extend(only(Axis::Estimator).map(|estimator| format!("estimator {estimator}")));
     if plan.estimates.protocol == Protocol::Paper {

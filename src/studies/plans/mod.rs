@@ -32,7 +32,7 @@ pub use plan::{Plan, PlotSettings, QuickSettings};
 pub use reconstruction::ReconstructionSettings;
 pub use run::{PlanEvent, RunSummary, run_cells};
 pub use shard::Shard;
-pub use slurm::{BatchScript, shards_of_script, shell_word};
+pub use slurm::{BatchScript, shards_of_script};
 pub use table::{CSV_HEADER, StudyTable};
 
 #[cfg(test)]

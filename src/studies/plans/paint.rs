@@ -254,9 +254,7 @@ impl Painter<'_> {
                     chart.draw_series([Circle::new(at, self.px(2), colour.filled())])?;
                 }
             }
-            if let Some((best, bits)) =
-                series.optimum().filter(|_| self.figure.optima && panel.quantity == Quantity::Information)
-            {
+            if let Some((best, bits)) = series.optimum().filter(|_| self.figure.marks_optima(panel)) {
                 let scale = f64::from(self.scale);
                 chart.draw_series([EmptyElement::at((best.x, bits)) + star((0, 0), scale, colour)])?;
             }

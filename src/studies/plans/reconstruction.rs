@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::estimates::check_ranges;
 use crate::information::Protocol;
 use crate::objects::ObjectSource;
 use crate::reconstruction::{DecoderKind, TrainingBudget};
@@ -78,14 +79,10 @@ impl ReconstructionSettings {
         if let Some(seconds) = self.training_seconds.filter(|seconds| !(0.001..=604_800.0).contains(seconds)) {
             return refused("training_seconds", "0.001 s to one week", format!("{seconds} s"));
         }
-        for (what, found, range) in [
+        check_ranges([
             ("training_steps", self.training_steps.unwrap_or(1), 1..=10_000_000),
             ("test_objects", self.test_objects, 2..=1_000_000),
-        ] {
-            if !range.contains(&found) {
-                return refused(what, &format!("{} to {}", range.start(), range.end()), found.to_string());
-            }
-        }
+        ])?;
         if self.decoder == DecoderKind::Posterior && !objects.is_beads() {
             return refused("decoder posterior", "beads", objects.to_string());
         }

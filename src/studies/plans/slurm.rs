@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::shard::Shard;
+use crate::formats::shell_quoted;
 
 /// Line of the script that holds the number of tasks.
 const TASKS: &str = "tasks=";
@@ -82,22 +83,11 @@ impl fmt::Display for BatchScript {
         writeln!(f)?;
         writeln!(f, "{TASKS}{tasks}")?;
         writeln!(f, "export RAYON_NUM_THREADS=${{SLURM_CPUS_PER_TASK:-{processors}}}")?;
+        let quoted = |path: &Path| shell_quoted(&path.display().to_string());
         let (program, folder) = (quoted(program), quoted(folder));
         writeln!(f, "# srun passes signals on to the program.")?;
         writeln!(f, "srun {program} study run {folder} --out {folder} --shard \"$SLURM_ARRAY_TASK_ID/$tasks\"")
     }
-}
-
-/// A path as a person types it in a shell: quoted where it has to be.
-pub fn shell_word(path: &Path) -> String {
-    let text = path.display().to_string();
-    let is_plain = |letter: char| letter.is_alphanumeric() || "/._-+:,@".contains(letter);
-    if text.chars().all(is_plain) { text } else { quoted(path) }
-}
-
-/// A path as one word of a shell.
-fn quoted(path: &Path) -> String {
-    format!("'{}'", path.display().to_string().replace('\'', "'\\''"))
 }
 
 /// A path in a directive, where a line end would end it.
@@ -138,6 +128,5 @@ mod tests {
             assert!(text.lines().any(|of| of == line), "{line} in {text}");
         }
         assert_eq!(shards_of_script("#!/bin/bash\n"), None);
-        assert_eq!((shell_word("a/b".as_ref()), shell_word("a b".as_ref())), ("a/b".into(), "'a b'".into()));
     }
 }

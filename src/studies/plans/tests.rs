@@ -345,7 +345,7 @@ fn first_looks_keep_designed_masks() {
     assert_eq!(quick("fig3").axes.mask.len(), 5 + 4);
 }
 
-/// A density model above what the beads can tell says nothing about the difference of two masks.
+/// A density model above the entropy of the beads is no measure of the difference of two masks.
 #[test]
 fn loose_estimates_have_no_difference_and_their_band_ends_at_the_entropy_bound() {
     let place = tempfile::tempdir().unwrap();

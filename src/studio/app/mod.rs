@@ -6,6 +6,7 @@ pub mod dispatch;
 pub mod edits;
 pub mod layout;
 pub mod menus;
+pub mod outcomes;
 pub mod path_answers;
 pub mod repaint_throttle;
 pub mod state;

@@ -12,6 +12,7 @@ use crate::forward::Design;
 use crate::plural::{counted, one_or_many};
 use crate::studio::app::app_data::{AppData, SNAPSHOTS};
 use crate::studio::app::layout::{self, PanelBehavior, default_layout, restored};
+use crate::studio::app::outcomes::{report_end, report_outcome};
 use crate::studio::app::repaint_throttle::RepaintThrottle;
 use crate::studio::app::state::{Parts, State};
 use crate::studio::app::{capture as panel_capture, dispatch, menus};
@@ -33,7 +34,7 @@ use crate::studio::widgets::clipboard::Clipboard;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_rejections;
-use crate::workbench::{Activity, ActivityState, FoundSnapshots, Outcome, Recovered, RunStatus, Session, Snapshots};
+use crate::workbench::{FoundSnapshots, Recovered, RunStatus, Session, Snapshots};
 
 /// The window's contents.
 pub struct Studio {
@@ -446,55 +447,6 @@ fn sync_run(state: &mut State) {
     let preview = finished.and_then(|run| state.panels.optimize.show_end(run));
     if let Some(preview) = preview {
         dispatch::serve_run(preview, state);
-    }
-}
-
-/// Loads the outcome of a job and reports it.
-fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
-    let notices = outcome.as_ref().map_or(&[][..], Outcome::notices);
-    for notice in notices {
-        state.messages.push(Severity::Notice, notice);
-    }
-    match outcome {
-        Ok(Outcome::Opened { path, .. }) => {
-            state.panels.selection.clear();
-            state.preferences.remember(path);
-        }
-        Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
-        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.panels.selection.clear(),
-        Ok(Outcome::Exported { .. }) => state.dialogs.onboarding.exported = true,
-        Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
-            state.panels.compare.snapshots.set_measurement(*number, measurement.clone());
-            if let Err(sentence) = measurement {
-                state.messages.push(Severity::Failure, sentence);
-            }
-        }
-        Ok(
-            Outcome::ObjectsOpened { .. }
-            | Outcome::RecordKept { .. }
-            | Outcome::NetworkOpened { .. }
-            | Outcome::NetworkExported { .. },
-        )
-        | Err(_) => {}
-    }
-    if matches!(outcome, Ok(outcome) if outcome.is_asked_for()) {
-        // A later success makes the failure message obsolete.
-        state.messages.dismiss();
-    }
-    match outcome {
-        Ok(Outcome::Saved { network: Some(Err(sentence)), .. }) | Err(sentence) => {
-            state.messages.push(Severity::Failure, sentence);
-        }
-        Ok(outcome) => state.messages.push(Severity::Done, outcome.sentence()),
-    }
-}
-
-/// Reports the end of an estimate, a run or a training.
-fn report_end(state: &mut State, activity: &Activity) {
-    match &activity.state {
-        ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),
-        ActivityState::Failed(sentence) => state.messages.push(Severity::Failure, sentence),
-        _ => {}
     }
 }
 

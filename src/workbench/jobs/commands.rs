@@ -9,6 +9,7 @@ use crate::design::{Free, IdealEvent, IdealSettings, Preset, Rates};
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::measured::MeasuredOrder;
 use crate::evaluation::request::{DensityModel, EstimateRequest};
+use crate::formats::shell_word;
 use crate::forward::Design;
 use crate::information::{FitLength, Protocol};
 use crate::optics::{Encoder, heuristic_layout};
@@ -56,7 +57,7 @@ pub fn reconstruct_command(
 /// A path that means the same in every folder, quoted for a POSIX shell.
 fn absolute(path: &Path) -> String {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
-    quoted(&path.display().to_string())
+    shell_word(&path.display().to_string())
 }
 
 /// Command that reconstructs a capture; it writes into the folder `capture`.
@@ -85,7 +86,7 @@ pub fn images_command(measured: &MeasuredOrder, request: &EstimateRequest, desig
     let path = std::path::absolute(&path).map_or(path, |path| path.display().to_string());
     format!(
         "lenslet-studio estimate --measurements {} --gain {gain} --offset={offset} --bin {bin} --noise {} --seed {} {}",
-        quoted(&path),
+        shell_word(&path),
         design.noise,
         design.seed,
         estimate_flags(request)
@@ -216,7 +217,7 @@ fn with_design(command: &str, mask: &str, design: &Design, flags: &str) -> Resul
         let Design { objects, mean_photons, bias_photons, noise, seed, .. } = &design;
         let scene = format!(
             "--objects {} --mean-photons {mean_photons} --bias {bias_photons} --noise {noise} --seed {seed}",
-            quoted(&objects.to_string())
+            shell_word(&objects.to_string())
         );
         let sizes = sizes_of(&design);
         return Ok(format!("lenslet-studio {command} {mask} heuristic:{count} {scene}{sizes} {flags}"));
@@ -245,13 +246,7 @@ fn sizes_of(design: &Design) -> String {
 
 /// Command that reproduces a live estimate from its record.
 pub fn reproduce_command(record: &Path) -> String {
-    format!("lenslet-studio reproduce {}", quoted(&record.display().to_string()))
-}
-
-/// `word` quoted for a POSIX shell.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./:+,@=".contains(c);
-    if word.chars().all(plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', "'\\''")) }
+    format!("lenslet-studio reproduce {}", shell_word(&record.display().to_string()))
 }
 
 #[cfg(test)]

@@ -339,7 +339,7 @@ mod tests {
     use ndarray::Array3;
 
     use super::*;
-    use crate::information::fit_checkpoint::{InMemory, OfCancelled};
+    use crate::information::fit_checkpoint::InMemory;
     use crate::sensor::Noise;
 
     fn patches() -> Array3<f32> {
@@ -369,7 +369,7 @@ mod tests {
             };
             let (weights, report, asked) = run(None, usize::MAX).unwrap();
             assert_eq!(report.steps, 48);
-            let left = OfCancelled::default();
+            let left = InMemory::of_cancelled();
             assert_eq!(run(Some(&left), 31).unwrap_err(), InformationError::Cancelled);
             let (resumed, again, _) = run(Some(&left), usize::MAX).unwrap();
             assert_eq!((resumed, again.steps), (weights.clone(), report.steps));
@@ -383,7 +383,7 @@ mod tests {
             assert_eq!(resumed, weights);
             let bits = |report: &FitReport| report.epochs.iter().map(|epoch| epoch.1.to_bits()).collect::<Vec<_>>();
             assert_eq!((again.steps, again.best_epoch, bits(&again)), (report.steps, report.best_epoch, bits(&report)));
-            *kept.0.lock().unwrap() = Some(b"something else".to_vec());
+            *kept.state.lock().unwrap() = Some(b"something else".to_vec());
             assert!(run(Some(&kept), usize::MAX).unwrap_err().to_string().contains("memory"));
         }
     }

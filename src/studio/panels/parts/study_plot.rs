@@ -50,7 +50,7 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
             let count = shown.series.len();
             for (index, series) in shown.series.iter().enumerate() {
                 let colour = colour(index, count, is_dark);
-                line(plot, series, figure, colour, quantity == Quantity::Information && figure.optima);
+                line(plot, series, figure, colour, figure.marks_optima(shown));
             }
             let pointer = plot.response().hover_pos()?;
             let at = |point: &Point| plot.screen_from_plot([place(point.x), point.value].into()).distance(pointer);
