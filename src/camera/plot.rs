@@ -143,16 +143,11 @@ fn response(area: &Area<'_>, camera: &CameraCalibration, linearity: &Linearity) 
 #[cfg(test)]
 mod tests {
     use super::super::simulated::SimulatedSensor;
-    use super::super::{ColourChoice, FrameSeries, calibrate};
     use super::*;
-    use crate::progress::CancelToken;
 
     #[test]
     fn drawing_has_the_panels_that_are_known() {
-        let folder = tempfile::tempdir().unwrap();
-        let sensor = SimulatedSensor { shape: (24, 32), ..SimulatedSensor::default() };
-        let series = FrameSeries::open(&sensor.write(folder.path(), &sensor.levels(8), 2, 1.0)).unwrap();
-        let mut camera = calibrate(&series, ColourChoice::default(), &mut CancelToken::new()).unwrap().calibration;
+        let mut camera = SimulatedSensor { shape: (24, 32), ..SimulatedSensor::default() }.calibrated(8, 2).calibration;
         let svg = calibration_plot(&camera).unwrap();
         for part in ["Photon transfer: K = 0.", "SNR: at most", "Linearity error", "photons per pixel", "(DN^2)"] {
             assert!(svg.contains(part), "{part}");

@@ -8,7 +8,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
+use super::{CalibratedCamera, ColourChoice, FrameSeries, calibrate};
 use crate::formats::write_array;
+use crate::progress::CancelToken;
 use crate::sensor::Noise;
 
 /// A linear sensor with shot noise, read noise, rounding and saturation.
@@ -70,6 +72,13 @@ impl SimulatedSensor {
     /// Light levels from 4 % of saturation to beyond it, electrons.
     pub(super) fn levels(&self, count: usize) -> Vec<f64> {
         (1..=count).map(|level| 1.1 * self.saturation() * level as f64 / count as f64).collect()
+    }
+
+    /// The calibration by this number of levels and of frames for each.
+    pub(super) fn calibrated(&self, levels: usize, frames: usize) -> CalibratedCamera {
+        let folder = tempfile::tempdir().unwrap();
+        let series = FrameSeries::open(&self.write(folder.path(), &self.levels(levels), frames, 0.5)).unwrap();
+        calibrate(&series, ColourChoice::default(), &mut CancelToken::new()).unwrap()
     }
 
     /// Frames of a mean number of electrons; `stream` numbers the group.

@@ -13,12 +13,6 @@ fn calibrated(path: &Path) -> Result<CalibratedCamera, CameraError> {
     calibrate(&FrameSeries::open(path)?, ColourChoice::default(), &mut CancelToken::new())
 }
 
-fn of(sensor: &SimulatedSensor, levels: usize, frames: usize) -> CalibratedCamera {
-    let folder = tempfile::tempdir().unwrap();
-    let path = sensor.write(folder.path(), &sensor.levels(levels), frames, 0.5);
-    calibrated(&path).unwrap()
-}
-
 fn has_note(found: &CameraCalibration, part: &str) -> bool {
     found.notes.iter().any(|note| note.contains(part))
 }
@@ -45,7 +39,7 @@ fn gain_and_dark_noise_of_known_sensors_are_found() {
             offset,
             ..SimulatedSensor::default()
         };
-        let CalibratedCamera { calibration: found, .. } = of(&sensor, 20, 4);
+        let CalibratedCamera { calibration: found, .. } = sensor.calibrated(20, 4);
         let gain_error = found.system_gain_dn_per_electron / gain - 1.0;
         assert!(gain_error.abs() < 0.005, "gain {gain}, {bits} bits: {:.2} % {:?}", 100.0 * gain_error, found.notes);
         let noise_error = found.temporal_dark_noise_electrons / dark_noise - 1.0;
@@ -74,7 +68,7 @@ fn nonuniformity_and_pixels_that_stand_out_are_found() {
         dim: vec![(160, 0.3), (9999, 0.0), (20_479, 0.6)],
         ..SimulatedSensor::default()
     };
-    let CalibratedCamera { calibration: found, maps } = of(&sensor, 16, 24);
+    let CalibratedCamera { calibration: found, maps } = sensor.calibrated(16, 24);
     assert!((found.prnu_percent.unwrap() - 1.2).abs() < 0.06, "{:?}", found.prnu_percent);
     assert!((found.dsnu_electrons.unwrap() - 4.0).abs() < 0.1, "{:?}", found.dsnu_electrons);
     assert_eq!(found.hot_pixels.places, [[0, 77], [31, 40], [31, 41]]);
@@ -89,7 +83,7 @@ fn nonuniformity_and_pixels_that_stand_out_are_found() {
 
 #[test]
 fn two_frames_of_each_level_give_no_nonuniformity() {
-    let CalibratedCamera { calibration: found, maps } = of(&SimulatedSensor::default(), 12, 2);
+    let CalibratedCamera { calibration: found, maps } = SimulatedSensor::default().calibrated(12, 2);
     assert_eq!((found.prnu_percent, found.dsnu_electrons), (None, None));
     assert!(has_note(&found, "no PRNU") && has_note(&found, "no DSNU"), "{:?}", found.notes);
     assert!(maps.dark_signal_dn.is_none() && maps.response.is_none());
@@ -100,7 +94,7 @@ fn two_frames_of_each_level_give_no_nonuniformity() {
 fn sensors_that_round_their_noise_away_are_clamped() {
     let sensor =
         SimulatedSensor { gain: 0.05, bits: 10, dark_noise: 3.0, shape: (200, 260), ..SimulatedSensor::default() };
-    let CalibratedCamera { calibration: found, .. } = of(&sensor, 20, 4);
+    let CalibratedCamera { calibration: found, .. } = sensor.calibrated(20, 4);
     let error = found.system_gain_dn_per_electron / 0.05 - 1.0;
     assert!(error.abs() < 0.01, "{:.2} %", 100.0 * error);
     let most = (0.24_f64 - 1.0 / 12.0).sqrt() / found.system_gain_dn_per_electron;
@@ -111,7 +105,7 @@ fn sensors_that_round_their_noise_away_are_clamped() {
 #[test]
 fn bent_sensors_have_a_linearity_error_and_a_note() {
     let sensor = SimulatedSensor { bend: 0.05, bits: 14, full_well: 20_000.0, ..SimulatedSensor::default() };
-    let CalibratedCamera { calibration: found, .. } = of(&sensor, 20, 4);
+    let CalibratedCamera { calibration: found, .. } = sensor.calibrated(20, 4);
     let error = found.linearity_error_percent.unwrap();
     assert!((0.3..2.0).contains(&error), "{error}");
     assert!(has_note(&found, "the photon transfer curve is bent by -"), "{:?}", found.notes);

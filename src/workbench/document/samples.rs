@@ -16,7 +16,7 @@ pub struct Sample {
 pub const SAMPLES: [Sample; 3] = [
     Sample {
         name: "Nine lenslets",
-        about: "The published layout before beads: the design to edit by hand",
+        about: "The published layout imaging beads: the design to edit by hand",
         json: include_str!("../../../assets/samples/nine-lenslets.json"),
     },
     Sample {
