@@ -12,7 +12,7 @@ use crate::information::Protocol;
 use crate::objects::ObjectSource;
 use crate::reconstruction::DecoderKind;
 use crate::sensor::{Noise, PatchSize};
-use crate::studies::plans::{NamedPlan, Plan, ReconstructionSettings, StudyFolder, StudyMask, named_plans};
+use crate::studies::plans::{NamedPlan, Plan, ReconstructionSettings, SizeChoice, StudyFolder, StudyMask, named_plans};
 
 /// A plan by name or file, and what replaces its entries.
 #[derive(Args, Debug)]
@@ -70,6 +70,14 @@ pub(super) struct Changes {
     /// Seeds of masks, objects, noise, patches and fits.
     #[arg(long, value_delimiter = ',')]
     seed: Vec<u64>,
+
+    /// Fields in pixels: 192, 96x128 (rows x cols), or usual for the published one; larger where the PSF grid needs it.
+    #[arg(long, value_name = "SIZE", value_delimiter = ',')]
+    field: Vec<SizeChoice>,
+
+    /// Sides of the PSF grid in pixels, or usual for that of the mask. Masks scale with it as by --grid of estimate.
+    #[arg(long, value_name = "SIZE", value_delimiter = ',')]
+    grid: Vec<SizeChoice>,
 
     /// Time for the fits of one cell, such as 60s, 5m or 1h.
     #[arg(long, conflicts_with = "steps")]
@@ -190,6 +198,8 @@ impl Changes {
         axes.patch = or(&self.patch, std::mem::take(&mut axes.patch));
         axes.estimator = or(&estimators, std::mem::take(&mut axes.estimator));
         axes.seed = or(&self.seed, std::mem::take(&mut axes.seed));
+        axes.field = or(&self.field, std::mem::take(&mut axes.field));
+        axes.grid = or(&self.grid, std::mem::take(&mut axes.grid));
         let estimates = &mut plan.estimates;
         if let Some(BudgetChoice(budget)) = self.budget {
             (estimates.seconds, estimates.steps) = (Some(budget.as_secs_f64()), None);

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::cell::{CellSettings, StudyMask};
 use super::estimates::EstimateSettings;
 use super::reconstruction::ReconstructionSettings;
+use super::size::SizeChoice;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, PatchSize};
@@ -36,13 +37,17 @@ pub enum Axis {
     Estimator,
     /// Seed of masks, objects, noise, patches and fits.
     Seed,
+    /// Rows and columns of the objects.
+    Field,
+    /// Side of the PSF grid.
+    Grid,
     /// The mask.
     Mask,
 }
 
 impl Axis {
     /// All axes, from the slowest to the fastest in the order of the cells.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Objects,
         Self::Photons,
         Self::Background,
@@ -50,6 +55,8 @@ impl Axis {
         Self::Patch,
         Self::Estimator,
         Self::Seed,
+        Self::Field,
+        Self::Grid,
         Self::Mask,
     ];
 }
@@ -64,6 +71,8 @@ impl fmt::Display for Axis {
             Self::Patch => "patch",
             Self::Estimator => "estimator",
             Self::Seed => "seed",
+            Self::Field => "field",
+            Self::Grid => "grid",
             Self::Mask => "mask",
         })
     }
@@ -95,6 +104,12 @@ pub struct Axes {
     /// Seeds.
     #[serde(default = "first_seed")]
     pub seed: Vec<u64>,
+    /// Rows and columns of the objects, pixels.
+    #[serde(default = "usual_size")]
+    pub field: Vec<SizeChoice>,
+    /// Sides of the PSF grid, pixels. Masks scale with it as by `--grid`.
+    #[serde(default = "usual_size")]
+    pub grid: Vec<SizeChoice>,
     /// Groups of axes that advance together instead of crossing. The axes of a group have equally many values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub zip: Vec<Vec<Axis>>,
@@ -120,6 +135,10 @@ fn causal() -> Vec<Estimator> {
     vec![Estimator::Causal]
 }
 
+fn usual_size() -> Vec<SizeChoice> {
+    vec![SizeChoice::Usual]
+}
+
 fn first_seed() -> Vec<u64> {
     vec![1]
 }
@@ -136,6 +155,8 @@ impl Axes {
             patch: published_patch(),
             estimator: causal(),
             seed: first_seed(),
+            field: usual_size(),
+            grid: usual_size(),
             zip: Vec::new(),
         }
     }
@@ -150,6 +171,8 @@ impl Axes {
             Axis::Patch => self.patch.len(),
             Axis::Estimator => self.estimator.len(),
             Axis::Seed => self.seed.len(),
+            Axis::Field => self.field.len(),
+            Axis::Grid => self.grid.len(),
             Axis::Mask => self.mask.len(),
         }
     }
@@ -167,6 +190,8 @@ impl Axes {
             Axis::Patch => texts(&self.patch),
             Axis::Estimator => texts(&self.estimator),
             Axis::Seed => texts(&self.seed),
+            Axis::Field => texts(&self.field),
+            Axis::Grid => texts(&self.grid),
             Axis::Mask => texts(&self.mask),
         }
     }
@@ -192,6 +217,8 @@ impl Axes {
             patch: half(&self.patch, kept(Axis::Patch)),
             estimator: self.estimator.clone(),
             seed: half(&self.seed, kept(Axis::Seed)),
+            field: half(&self.field, kept(Axis::Field)),
+            grid: half(&self.grid, kept(Axis::Grid)),
             zip: self.zip.clone(),
         }
     }
@@ -279,6 +306,8 @@ impl Axes {
                 patch: self.patch[at(Axis::Patch)],
                 estimator: self.estimator[at(Axis::Estimator)],
                 seed: self.seed[at(Axis::Seed)],
+                field: self.field[at(Axis::Field)],
+                grid: self.grid[at(Axis::Grid)],
                 published_as: PublishedSet::named(&self.objects[at(Axis::Objects)]),
                 estimates: estimates.of(self.estimator[at(Axis::Estimator)]),
                 reconstruction,

@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use super::estimates::EstimateSettings;
 use super::reconstruction::ReconstructionSettings;
+use super::size::SizeChoice;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::formats::{DocumentKind, content_key, json_of, text_form};
-use crate::forward::{Design, MaskError, MaskSource};
+use crate::forward::{Design, MaskError, MaskSource, OpenedMask, on_grid};
 use crate::information::{EngineChoice, Estimate, Estimator, NoiseEntropy, TestPatches};
 use crate::objects::ObjectSource;
-use crate::optics::Encoder;
+use crate::optics::{Encoder, LensletArray};
 use crate::reconstruction::DecoderQuality;
 use crate::sensor::{Noise, PatchSize};
 use crate::sparsity::TamuraSummary;
@@ -142,6 +143,12 @@ pub struct CellSettings {
     pub estimator: Estimator,
     /// Seed of mask, objects, noise, patches and fits.
     pub seed: u64,
+    /// Rows and columns of the objects.
+    #[serde(default, skip_serializing_if = "SizeChoice::is_usual")]
+    pub field: SizeChoice,
+    /// Side of the PSF grid.
+    #[serde(default, skip_serializing_if = "SizeChoice::is_usual")]
+    pub grid: SizeChoice,
     /// The published image set that the objects are.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub published_as: Option<PublishedSet>,
@@ -160,17 +167,28 @@ impl CellSettings {
         key
     }
 
+    /// The mask of the cell on its PSF grid, or the start of its optimizer run.
+    ///
+    /// # Errors
+    /// [`MaskError`] where its file cannot be read, or it cannot be put on the grid.
+    pub fn open_mask(&self) -> Result<OpenedMask, MaskError> {
+        self.mask.source().mask(self.seed, &self.objects, self.grid.shape())
+    }
+
     /// The design of the cell, with the mask that `encoder` gives.
     pub fn design(&self, encoder: Encoder) -> Design {
-        Design {
+        let usual = Design::default();
+        let design = Design {
             encoder,
             objects: self.objects.clone(),
             mean_photons: self.mean_photons,
             bias_photons: self.bias_photons,
             noise: self.noise,
             seed: self.seed,
-            ..Design::default()
-        }
+            field: self.field.shape().unwrap_or(usual.field),
+            ..usual
+        };
+        if self.field.is_usual() { design.with_room() } else { design }
     }
 
     /// The request of the cell's estimate.
@@ -195,12 +213,27 @@ impl CellSettings {
     /// Refuses light and noise that allow no estimate, before anything is computed.
     pub(super) fn check(&self) -> Result<(), StudyError> {
         NoiseEntropy::new(self.noise, self.estimates.protocol).map_err(EvaluationError::from)?;
-        self.design(Design::default().encoder).check().map_err(EvaluationError::from)?;
+        self.check_sizes()?;
         if let StudyMask::Ideal { start: MaskSource::Diffuser(_) | MaskSource::Psf(..), .. } = &self.mask {
             let expected = "a start with lenslets, such as ideal:random:25".into();
             return Err(StudyError::Plan { what: "mask".into(), expected, found: self.mask.to_string() });
         }
         self.reconstruction.map_or(Ok(()), |settings| settings.check(&self.objects))
+    }
+
+    /// Refuses a grid that is not square, and a field in which a mask on the grid has no room.
+    fn check_sizes(&self) -> Result<(), StudyError> {
+        let refused =
+            |what: &str, expected: String, found: String| Err(StudyError::Plan { what: what.into(), expected, found });
+        if let Some((rows, cols)) = self.grid.shape()
+            && (rows != cols || rows > LensletArray::MAX_SIDE)
+        {
+            let expected = format!("a square of at most {0} x {0} px", LensletArray::MAX_SIDE);
+            return refused("axis grid", expected, format!("{rows} x {cols} px"));
+        }
+        let usual = on_grid(Design::default().encoder, self.grid.shape());
+        let design = self.design(usual.unwrap_or_else(|_| Design::default().encoder));
+        Ok(design.check().map_err(EvaluationError::from)?)
     }
 
     /// Share of the pixels that hold a bead, where the objects are beads.
@@ -222,6 +255,8 @@ impl CellSettings {
             (self.bias_photons != usual.bias_photons).then(|| format!("background {}", self.bias_photons)),
             (self.noise != usual.noise).then(|| format!("{} noise", self.noise)),
             (self.seed != usual.seed).then(|| format!("seed {}", self.seed)),
+            self.field.shape().map(|(rows, cols)| format!("field {rows} x {cols} px")),
+            self.grid.shape().map(|(rows, cols)| format!("grid {rows} x {cols} px")),
         ];
         let parts = [self.objects.to_string(), self.mask.to_string(), patch, self.estimator.to_string()];
         parts.into_iter().chain(others.into_iter().flatten()).collect::<Vec<_>>().join(", ")

@@ -40,6 +40,8 @@ impl Facet {
             Self::Axis(Axis::Patch) => cell.patch.to_string(),
             Self::Axis(Axis::Estimator) => cell.estimator.to_string(),
             Self::Axis(Axis::Seed) => cell.seed.to_string(),
+            Self::Axis(Axis::Field) => cell.field.to_string(),
+            Self::Axis(Axis::Grid) => cell.grid.to_string(),
             Self::Density => cell.density().map_or_else(|| cell.objects.to_string(), |density| density.to_string()),
             Self::Planes => planes(cell).to_string(),
         }
@@ -61,7 +63,9 @@ impl Facet {
             Self::Axis(Axis::Objects) | Self::Density => cell.density(),
             Self::Axis(Axis::Photons) => Some(cell.mean_photons),
             Self::Axis(Axis::Background) => Some(cell.bias_photons),
-            Self::Axis(Axis::Patch) => cell.patch.shape().map(|(rows, cols)| ((rows * cols) as f64).sqrt()),
+            Self::Axis(Axis::Patch) => cell.patch.shape().map(side_of),
+            Self::Axis(Axis::Field) => cell.field.shape().map(side_of),
+            Self::Axis(Axis::Grid) => cell.grid.shape().map(side_of),
             Self::Axis(Axis::Seed) => Some(cell.seed as f64),
             Self::Planes => Some(planes(cell) as f64),
             Self::Axis(Axis::Noise | Axis::Estimator) => None,
@@ -80,6 +84,8 @@ impl Facet {
             Self::Axis(Axis::Patch) => "side of the patch, px",
             Self::Axis(Axis::Estimator) => "estimator",
             Self::Axis(Axis::Seed) => "seed",
+            Self::Axis(Axis::Field) => "side of the field, px",
+            Self::Axis(Axis::Grid) => "side of the PSF grid, px",
             Self::Planes => "depth planes",
         }
     }
@@ -107,6 +113,11 @@ impl fmt::Display for Facet {
             Self::Planes => f.write_str("planes"),
         }
     }
+}
+
+/// Side of the square of equal area, pixels.
+fn side_of((rows, cols): (usize, usize)) -> f64 {
+    ((rows * cols) as f64).sqrt()
 }
 
 fn planes(cell: &CellSettings) -> usize {

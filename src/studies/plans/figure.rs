@@ -141,8 +141,8 @@ impl Series {
 
 /// The published value of a cell, where there is one for exactly these settings.
 pub fn published_value(cell: &CellSettings) -> Option<Published> {
-    let StudyMask::Given(source @ MaskSource::Heuristic(_)) = &cell.mask else { return None };
-    let encoder = source.mask(cell.seed, &cell.objects, None).ok()?.encoder;
+    let StudyMask::Given(MaskSource::Heuristic(_)) = &cell.mask else { return None };
+    let encoder = cell.open_mask().ok()?.encoder;
     published(&cell.design(encoder), cell.published_as, cell.patch.shape())
 }
 
@@ -259,7 +259,9 @@ fn psnr_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opti
     let record = state.done()?;
     let quality = record.reconstruction.as_ref()?;
     let known = match &cell.mask {
-        StudyMask::Given(MaskSource::Heuristic(lenslets)) if cell.estimates.protocol == Protocol::Paper => {
+        StudyMask::Given(MaskSource::Heuristic(lenslets))
+            if cell.estimates.protocol == Protocol::Paper && cell.field.is_usual() && cell.grid.is_usual() =>
+        {
             published_psnr_db(&cell.objects, cell.published_as, *lenslets)
         }
         _ => None,
@@ -286,6 +288,9 @@ pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
     };
     let mut parts = Vec::new();
     parts.extend(only(Axis::Objects));
+    let size = |axis: Axis| only(axis).filter(|size| size != "usual");
+    parts.extend(size(Axis::Field).map(|side| format!("field of {side} px")));
+    parts.extend(size(Axis::Grid).map(|side| format!("PSF grid of {side} px")));
     parts.extend(only(Axis::Mask));
     parts.extend(only(Axis::Patch).map(|patch| match patch.as_str() {
         "sensor" => "whole sensor".to_owned(),

@@ -17,6 +17,7 @@ mod plan;
 mod reconstruction;
 mod run;
 mod shard;
+mod size;
 mod slurm;
 mod table;
 
@@ -32,6 +33,7 @@ pub use plan::{Plan, PlotSettings, QuickSettings};
 pub use reconstruction::ReconstructionSettings;
 pub use run::{PlanEvent, RunSummary, run_cells};
 pub use shard::Shard;
+pub use size::SizeChoice;
 pub use slurm::{BatchScript, shards_of_script};
 pub use table::{CSV_HEADER, StudyTable};
 

@@ -17,8 +17,9 @@ const DENSITIES: [&str; 24] = [
 ];
 /// Densities of beads with a constant photon count.
 const DENSE: [&str; 12] = ["0.005", "0.01", "0.02", "0.03", "0.05", "0.08", "0.11", "0.15", "0.2", "0.3", "0.4", "0.5"];
-/// Densities of the published sweep behind a diffuser.
-const SPARSE: [&str; 10] = ["0.002", "0.003", "0.004", "0.005", "0.006", "0.008", "0.01", "0.013", "0.016", "0.02"];
+/// Densities behind a diffuser: those of the published sweep to 0.02, and denser ones, where information begins to fall.
+const SPARSE: [&str; 12] =
+    ["0.002", "0.003", "0.004", "0.005", "0.006", "0.008", "0.01", "0.013", "0.02", "0.03", "0.04", "0.05"];
 /// Densities around the transition from sparse to dense scenes.
 const TRANSITION: [&str; 6] = ["0.005", "0.008", "0.013", "0.02", "0.03", "0.05"];
 /// Apertures of the published diffuser, pixels.

@@ -13,7 +13,6 @@ use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::{FormatError, content_key, json_of, lock_name, remove_if_there};
 use crate::forward::{Design, ForwardModel, MaskError, MaskSource, notices_of, open_set};
 use crate::information::{Estimate, NUMBERS_VERSION, TestPatches};
-use crate::objects::ObjectSource;
 use crate::optics::Encoder;
 use crate::progress::Progress;
 use crate::reconstruction::{DecoderQuality, ReconstructionError};
@@ -194,7 +193,7 @@ fn compute(
     report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
 ) -> Result<Computed, CellError> {
     let cell = &folder.cells()[index];
-    let opened = cell.mask.source().mask(cell.seed, &cell.objects, None)?;
+    let opened = cell.open_mask()?;
     let start = opened.encoder;
     let encoder = match &cell.mask {
         StudyMask::Given(_) => start,
@@ -300,20 +299,14 @@ impl Fingerprints {
     }
 
     fn objects(&mut self, settings: &CellSettings) -> Option<&String> {
-        let source: &ObjectSource = &settings.objects;
+        let CellSettings { objects, field, .. } = settings;
         let open = || open_set(&settings.design(Design::default().encoder)).ok().map(|set| set.fingerprint());
-        self.objects.entry(source.to_string()).or_insert_with(open).as_ref()
+        self.objects.entry(format!("{field} {objects}")).or_insert_with(open).as_ref()
     }
 
     fn mask(&mut self, settings: &CellSettings) -> Option<&String> {
-        let open = || {
-            settings
-                .mask
-                .source()
-                .mask(settings.seed, &settings.objects, None)
-                .ok()
-                .map(|mask| content_key(&json_of(&mask.encoder)))
-        };
-        self.masks.entry(settings.mask.to_string()).or_insert_with(open).as_ref()
+        let CellSettings { mask, grid, .. } = settings;
+        let open = || settings.open_mask().ok().map(|opened| content_key(&json_of(&opened.encoder)));
+        self.masks.entry(format!("{grid} {mask}")).or_insert_with(open).as_ref()
     }
 }

@@ -60,7 +60,7 @@ const FEWEST_RANKED: usize = 3;
 
 /// Header of the table for programs. Times and machines are left out, so that equal studies have equal tables; they are in the files of
 /// the cells.
-pub const CSV_HEADER: [&str; 28] = [
+pub const CSV_HEADER: [&str; 30] = [
     "id",
     "objects",
     "mask",
@@ -72,6 +72,8 @@ pub const CSV_HEADER: [&str; 28] = [
     "estimator",
     "protocol",
     "seed",
+    "field",
+    "grid",
     "bits_per_pixel",
     "low_95",
     "high_95",
@@ -241,6 +243,8 @@ fn csv_row(plan: &Plan, row: &Row<'_>, id: &str) -> Vec<String> {
         value(Axis::Estimator),
         row.cell.estimates.protocol.to_string(),
         value(Axis::Seed),
+        value(Axis::Field),
+        value(Axis::Grid),
         number(estimate.map(|estimate| estimate.bits_per_pixel)),
         number(estimate.map(|estimate| estimate.interval_95[0])),
         number(estimate.map(|estimate| estimate.interval_95[1])),

@@ -15,7 +15,9 @@ use super::plan::{Plan, PlotSettings};
 use super::reconstruction::ReconstructionSettings;
 use super::run::{PlanEvent, run_cells};
 use super::shard::Shard;
+use super::size::SizeChoice;
 use super::table::{CSV_HEADER, StudyTable};
+use crate::formats::json_of;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::progress::CancelToken;
@@ -95,6 +97,45 @@ fn zipped_axes_advance_together() {
     assert_eq!(names, ["heuristic:1 beads:0.008", "heuristic:4 beads:0.05"]);
     plan.axes.objects.pop();
     assert!(sentence(plan.cells()).contains("equally many values"));
+}
+
+#[test]
+fn field_and_grid_are_axes() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut plan = small();
+    plan.axes.objects.truncate(1);
+    plan.axes.mask = vec![StudyMask::heuristic(4)];
+    plan.axes.grid = vec![SizeChoice::Usual, SizeChoice::Shape(16, 16), SizeChoice::Shape(100, 100)];
+    let study = begun(plan.clone(), folder.path());
+    // Cells of the usual sizes have the file that they had before there were sizes.
+    let text = json_of(&study.cells()[0]);
+    assert!(!text.contains("grid") && !text.contains("field"), "{text}");
+    let shapes = study.cells().iter().map(|cell| {
+        let design = cell.design(cell.open_mask().unwrap().encoder);
+        (design.encoder.grid(), design.field)
+    });
+    let expected = [((32, 32), (96, 96)), ((16, 16), (96, 96)), ((100, 100), (300, 300))];
+    assert_eq!(shapes.collect::<Vec<_>>(), expected);
+    plan.axes.grid.pop();
+    plan.axes.field = vec!["48x64".parse().unwrap()];
+    let sized = tempfile::tempdir().unwrap();
+    let study = begun(plan.clone(), sized.path());
+    assert_eq!(computed(&study, Shard::default()), 2);
+    let rows = rows(&study);
+    let column = |name: &str| CSV_HEADER.iter().position(|column| *column == name).unwrap();
+    assert_eq!((rows[1][column("field")].as_str(), rows[1][column("grid")].as_str()), ("48x64", "16"));
+    // No published value is one of another size.
+    assert_eq!(rows[1][column("published")], "");
+    let states = study.states().unwrap();
+    assert!(StudyTable::new(&study, &states).markdown().contains("field of 48x64 px"));
+    assert!(study.cells()[1].name().contains("field 48 x 64 px, grid 16 x 16 px"));
+    for (field, grid, part) in [("16", "usual", "field of the objects"), ("usual", "8x16", "a square")] {
+        plan.axes.field = vec![field.parse().unwrap()];
+        plan.axes.grid = vec![grid.parse().unwrap()];
+        let found = sentence(plan.cells());
+        assert!(found.contains(part), "{found}");
+    }
+    assert!("0".parse::<SizeChoice>().unwrap_err().contains("or usual"));
 }
 
 #[test]

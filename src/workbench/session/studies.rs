@@ -48,8 +48,8 @@ impl Session {
         };
         let cell = &open.folder.cells()[index];
         match &cell.mask {
-            StudyMask::Given(source) => {
-                let mask = source.mask(cell.seed, &cell.objects, None).map_err(|error| error.to_string())?;
+            StudyMask::Given(_) => {
+                let mask = cell.open_mask().map_err(|error| error.to_string())?;
                 Ok(cell.design(mask.encoder))
             }
             StudyMask::Ideal { .. } if matches!(open.states[index], CellState::Done(_)) => {
