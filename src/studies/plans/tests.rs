@@ -108,7 +108,7 @@ fn field_and_grid_are_axes() {
     plan.axes.grid = vec![SizeChoice::Usual, SizeChoice::Shape(16, 16), SizeChoice::Shape(100, 100)];
     let study = begun(plan.clone(), folder.path());
     // Cells of the usual sizes have the file that they had before there were sizes.
-    let text = json_of(&study.cells()[0]);
+    let text = json_of(&study.cells()[0]).to_string();
     assert!(!text.contains("grid") && !text.contains("field"), "{text}");
     let shapes = study.cells().iter().map(|cell| {
         let design = cell.design(cell.open_mask().unwrap().encoder);
