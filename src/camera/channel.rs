@@ -171,7 +171,7 @@ impl ColourChoice {
         if let (Some((channel, _)), false) = (chosen, is_named) {
             file.meaning.channel = Some(channel);
         }
-        let mut stack = file.read()?;
+        let stack = file.read_of_colours(Channel::Green)?;
         let mut colour = chosen.filter(|_| !is_named).map(|(_, name)| format!("the {name} channel"));
         if stack.from_colour {
             if is_named {
@@ -182,8 +182,6 @@ impl ColourChoice {
                     advice: "its noise is not that of a photon count; take ?channel=green",
                 });
             }
-            file.meaning.channel = Some(Channel::Green);
-            stack = file.read()?;
             colour = Some("the green channel of colour images (--channel takes another)".into());
         }
         Ok(ChosenFrames::of(stack, colour, |array| vec![array]))

@@ -78,6 +78,8 @@ pub struct Meaning {
     pub channel: Option<Channel>,
     /// The only image that is read, numbered from 1.
     pub frame: Option<usize>,
+    /// Channel that stands in for the luma of colours where none is chosen.
+    pub(super) of_colours: Option<Channel>,
 }
 
 impl Meaning {
@@ -306,7 +308,7 @@ mod tests {
     use super::*;
 
     fn meaning(axis: Option<FrameAxis>, key: Option<&str>, channel: Option<Channel>, frame: Option<usize>) -> Meaning {
-        Meaning { axis, key: key.map(Into::into), channel, frame }
+        Meaning { axis, key: key.map(Into::into), channel, frame, ..Meaning::default() }
     }
 
     #[test]

@@ -198,7 +198,8 @@ pub struct PixelStack {
     pub samples: Samples,
     /// Count of the brightest pixel that the file can hold, 255 or 65535; `None` for other numbers.
     pub white: Option<u16>,
-    /// Whether the file has colours. `samples` then holds their luma.
+    /// Whether the file has colours and its path names no channel. `samples` then holds their luma, or the channel that was to stand in
+    /// for it.
     pub from_colour: bool,
     /// Further interpretation of the file by the reader.
     pub understood: Understood,
@@ -231,6 +232,9 @@ impl PixelStack {
         channels: usize,
     ) -> Result<Self, FormatError> {
         let white = samples.white();
+        let from_colour = samples.has_colours(channels);
+        let in_place_of_luma = file.meaning.of_colours.filter(|_| from_colour && file.meaning.channel.is_none());
+        let in_place_of_luma = in_place_of_luma.and_then(|channel| chosen(channel, channels));
         let refuse = |expected: &str, advice: &str| {
             FormatError::malformed(&file.path, expected, counted(channels, "channel"), advice)
         };
@@ -247,14 +251,15 @@ impl PixelStack {
             }
             None => None,
         };
-        if let Some(index) = chosen {
-            let mut stack = Self { white, ..Self::new(pages, rows, cols, samples.channel(index, channels)) };
+        if let Some(index) = chosen.or(in_place_of_luma) {
+            let from_colour = in_place_of_luma.is_some();
+            let mut stack =
+                Self { white, from_colour, ..Self::new(pages, rows, cols, samples.channel(index, channels)) };
             if channels > 1 {
                 stack.note(format!("channel {} of {channels}", index + 1));
             }
             return Ok(stack);
         }
-        let from_colour = samples.has_colours(channels);
         let mut stack = Self { white, from_colour, ..Self::new(pages, rows, cols, samples.grey(channels)) };
         if from_colour {
             stack.understood.numbers = white.map(|white| format!("{} bits", bits_of(white)));

@@ -7,7 +7,7 @@ use ndarray::Array2;
 use super::bytes::magic;
 use super::kind::named_for_what_it_is;
 use super::raw_array::RawArray;
-use super::{FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, raster, tiff_pages};
+use super::{Channel, FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, raster, tiff_pages};
 
 /// Least length of the first two axes of a colour image, exclusive. A stack of a few narrow pages is not a colour image.
 const COLOUR_IMAGE_PX: usize = 4;
@@ -42,6 +42,15 @@ impl ImageFile {
     /// As [`read_stack`].
     pub fn read(&self) -> Result<PixelStack, FormatError> {
         read(self)
+    }
+
+    /// Reads the file as [`ImageFile::read`], but of colours takes this channel in place of their luma where the path names none.
+    ///
+    /// # Errors
+    /// As [`ImageFile::read`].
+    pub fn read_of_colours(&self, channel: Channel) -> Result<PixelStack, FormatError> {
+        let meaning = Meaning { of_colours: Some(channel), ..self.meaning.clone() };
+        read(&Self { meaning, ..self.clone() })
     }
 }
 
@@ -164,14 +173,14 @@ fn from_array(file: &ImageFile, array: RawArray) -> Result<PixelStack, FormatErr
         stack.note(format!("axis {} holds colours", colours + 1));
     }
     if meaning.axis.is_none() && shape.len() == 3 {
-        suggest_axes(&mut stack, &axes, &shape);
+        suggest_axes(&mut stack, meaning, &axes, &shape);
     }
     Ok(stack)
 }
 
 /// Lists other meanings of three axes.
-fn suggest_axes(stack: &mut PixelStack, axes: &Axes, shape: &[usize]) {
-    if axes.colours == Some(2) && stack.from_colour {
+fn suggest_axes(stack: &mut PixelStack, meaning: &Meaning, axes: &Axes, shape: &[usize]) {
+    if axes.colours == Some(2) && stack.from_colour && meaning.of_colours.is_none() {
         stack.note("if the last axis counts images, add ?axis=last");
         stack.understood.choices.push("axis=last".into());
     } else if axes.colours.is_none() && axes.frames == Some(0) {
@@ -310,5 +319,28 @@ mod tests {
         assert!(matches!(error, FormatError::NotFound { .. }), "{error}");
         let error = read_stack(&std::env::temp_dir()).unwrap_err().to_string();
         assert!(error.contains("found a folder"), "{error}");
+    }
+
+    #[test]
+    fn a_channel_stands_in_for_the_luma_of_colours_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str, colours: [f32; 3]| {
+            let path = folder.path().join(name);
+            let values = (0..40 * 50 * 3).map(|index| colours[index % 3]).collect();
+            write_array(&path, ArrayD::from_shape_vec(IxDyn(&[40, 50, 3]), values).unwrap().view()).unwrap();
+            ImageFile::find(&path).unwrap()
+        };
+        let coloured = read("coloured.npy", [1.0, 7.0, 2.0]);
+        let stack = coloured.read_of_colours(Channel::Green).unwrap();
+        assert!(stack.from_colour && stack.samples.clone().into_f32().iter().all(|&value| value == 7.0));
+        let mut named = coloured.clone();
+        named.meaning.channel = Some(Channel::Green);
+        let (named, summary) = (named.read().unwrap(), ImageSummary::of(&stack).to_string());
+        assert_eq!((&named.samples, ImageSummary::of(&named).to_string()), (&stack.samples, summary));
+        let mut blue = coloured;
+        blue.meaning.channel = Some(Channel::Blue);
+        let stack = blue.read_of_colours(Channel::Green).unwrap();
+        assert!(!stack.from_colour && stack.samples.into_f32().iter().all(|&value| value == 2.0));
+        assert!(!read("grey.npy", [3.0; 3]).read_of_colours(Channel::Green).unwrap().from_colour);
     }
 }

@@ -15,7 +15,8 @@ pub(crate) use encoder::MASK_DOCUMENT_VERSION;
 pub use encoder::{Encoder, PhotographQuality, PsfImage};
 pub use import::{
     BlackLevel, CornerLevel, ImportedPsf, NegativePixels, PhotographPixels, PixelRectangle, PsfDark, PsfError,
-    PsfImportOptions, PsfImportReport, PsfPhotograph, PsfScale, PsfWindow, import_psf, normalised_psf, psf_file,
+    PsfImportOptions, PsfImportReport, PsfOptionsIn, PsfPhotograph, PsfScale, PsfWindow, import_psf, normalised_psf,
+    psf_file,
 };
 pub use layouts::{HEURISTIC_CENTRES, HEURISTIC_SIGMA, depth_layout, heuristic_layout, random_layout};
 pub use lenslet_fit::{FittedLenslets, LensletFitError, fit_lenslets};

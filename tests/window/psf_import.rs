@@ -72,6 +72,11 @@ fn photograph_becomes_the_psf_that_the_preview_shows() {
     choose(&mut window, "PSF: channel", "Red");
     wait_for(&mut window, "another channel", |window| is_shown(window, "The dark level of 31 from the corners"));
     choose(&mut window, "PSF: channel", "Green");
+    // Advice names the controls of the dialog.
+    choose(&mut window, "PSF: dark level", "None");
+    wait_for(&mut window, "the doubt", |window| is_shown(window, "choose Median of the corners as dark level"));
+    assert!(!is_shown(&window, "?dark"));
+    choose(&mut window, "PSF: dark level", "Median of the corners");
     choose(&mut window, "PSF: dark level", "Grey value");
     type_number(&mut window, "PSF: dark grey value", "10,5");
     wait_for(&mut window, "another dark level", |window| is_shown(window, "The dark level of 10.5 is subtracted"));
@@ -121,6 +126,9 @@ fn window_is_dragged_on_the_photograph() {
     let at = |x: f32, y: f32| corner + Vec2::new(x, y) * scale;
     drag(&mut window, at(200.0, 200.0), Vec2::new(40.0, -40.0) * scale, egui::PointerButton::Primary);
     wait_for(&mut window, "the moved window", |window| is_window_near(window, [60, 259, 140, 379]));
+    type_number(&mut window, "PSF: rows", "100");
+    wait_for(&mut window, "the advice", |window| is_shown(window, "choose Whole photograph as window to keep all"));
+    assert!(!is_shown(&window, "?window"));
 }
 
 #[test]

@@ -149,3 +149,21 @@ pub enum PsfError {
         advice: &'static str,
     },
 }
+
+impl PsfError {
+    /// The sentence with advice on the controls of the dialog in place of options of the path.
+    pub fn in_dialog(&self) -> String {
+        let most = LensletArray::MAX_SIDE;
+        match self {
+            Self::Negative { origin, row, col, value } => format!(
+                "{origin}: expected light that is not negative, found {value} at row {row}, column {col}; subtract the true \
+                 background, or choose Median of the corners as dark level"
+            ),
+            Self::Shape { origin, rows, cols } | Self::Large { origin, rows, cols, .. } => format!(
+                "{origin}: expected a PSF of 1 to {most} pixels a side, found {rows} x {cols}; choose Sums of squares of, or \
+                 Averages, longer side as pixels"
+            ),
+            _ => self.to_string(),
+        }
+    }
+}

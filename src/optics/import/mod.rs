@@ -19,7 +19,7 @@ pub use error::PsfError;
 pub use normalise::normalised_psf;
 pub use options::{PixelRectangle, PsfDark, PsfImportOptions, PsfScale, PsfWindow};
 pub use photograph::{ImportedPsf, PhotographPixels, PsfPhotograph};
-pub use report::{BlackLevel, NegativePixels, PsfImportReport};
+pub use report::{BlackLevel, NegativePixels, PsfImportReport, PsfOptionsIn};
 
 /// Splits a path into the file and the side to resample to. `FILE@32` stands for 32 pixels where no file has that exact
 /// name.

@@ -14,7 +14,8 @@ use super::settings_file::{is_settings_file, open_settings};
 use super::window::{binned, central_square, light_square, resampled};
 
 use crate::formats::{
-    Channel, GreyValues, ImageFile, ImageSummary, Meaning, PathOption, Saturated, Wrapped, path_text, turned,
+    Channel, GreyValues, ImageFile, ImageSummary, Meaning, PathOption, PixelStack, Saturated, Wrapped, path_text,
+    turned,
 };
 use crate::optics::{LensletArray, PhotographQuality, PsfImage};
 
@@ -94,14 +95,21 @@ impl PsfPhotograph {
     /// # Errors
     /// [`PsfError`] where the file cannot be read, holds several images, or a pixel is not finite.
     pub fn read(&self, origin: &str) -> Result<PhotographPixels, PsfError> {
+        let has_options = self.options != PsfImportOptions::default();
+        self.pixels(if has_options { self.file.read_of_colours(Channel::Green) } else { self.file.read() }?, origin)
+    }
+
+    /// Reads the pixels as [`PsfPhotograph::read`], of a colour image the green channel even without options.
+    ///
+    /// # Errors
+    /// As [`PsfPhotograph::read`].
+    pub fn read_green(&self, origin: &str) -> Result<PhotographPixels, PsfError> {
+        self.pixels(self.file.read_of_colours(Channel::Green)?, origin)
+    }
+
+    fn pixels(&self, stack: PixelStack, origin: &str) -> Result<PhotographPixels, PsfError> {
         let origin = origin.to_owned();
-        let mut stack = self.file.read()?;
         let from_colour = stack.from_colour && self.file.meaning.channel.is_none();
-        if from_colour && self.options != PsfImportOptions::default() {
-            let mut file = self.file.clone();
-            file.meaning.channel = Some(Channel::Green);
-            stack = file.read()?;
-        }
         if stack.pages != 1 {
             return Err(PsfError::Several { origin, found: stack.pages });
         }

@@ -25,6 +25,15 @@ pub struct NegativePixels {
     pub lowest: f32,
 }
 
+/// Where the options of an import are set, for advice on them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PsfOptionsIn {
+    /// Behind the question mark of a path.
+    Path,
+    /// In the dialog of the window.
+    Dialog,
+}
+
 /// What an import did with a photograph.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PsfImportReport {
@@ -55,13 +64,13 @@ pub struct PsfImportReport {
 }
 
 impl PsfImportReport {
-    /// One sentence for each fact, warnings first.
+    /// One sentence for each fact, warnings first; advice is on options of the path.
     pub fn sentences(&self) -> Vec<String> {
-        [self.warnings(), self.facts()].concat()
+        [self.warnings(PsfOptionsIn::Path), self.facts(PsfOptionsIn::Path)].concat()
     }
 
     /// One sentence for each doubt about the photograph.
-    pub fn warnings(&self) -> Vec<String> {
+    pub fn warnings(&self, options_in: PsfOptionsIn) -> Vec<String> {
         let saturated = self.saturated.map(|Saturated { share, value }| {
             format!(
                 "{} of the pixels are at {value}, the largest value: they are saturated and the peaks of the PSF are too \
@@ -77,8 +86,12 @@ impl PsfImportReport {
             )
         });
         let suspected = self.suspected.map(|BlackLevel { level, share }| {
+            let advice = match options_in {
+                PsfOptionsIn::Path => "?dark=corners subtracts it",
+                PsfOptionsIn::Dialog => "choose Median of the corners as dark level to subtract it",
+            };
             format!(
-                "the corners have the grey value {}, {} of all light if it is the black level; ?dark=corners subtracts it",
+                "the corners have the grey value {}, {} of all light if it is the black level; {advice}",
                 short(level),
                 percent(share)
             )
@@ -87,7 +100,7 @@ impl PsfImportReport {
     }
 
     /// One sentence for each step of the import.
-    pub fn facts(&self) -> Vec<String> {
+    pub fn facts(&self, options_in: PsfOptionsIn) -> Vec<String> {
         let dark = self.dark.map(|BlackLevel { level, share }| {
             let of = if self.options.dark == PsfDark::Corners { " from the corners" } else { "" };
             format!("the dark level of {}{of} is subtracted, {} of all grey value", short(level), percent(share))
@@ -101,12 +114,12 @@ impl PsfImportReport {
             format!("{pixels} of the PSF below the dark level {were} set to 0")
         });
         let floor = self.noise_floor.map(|floor| format!("noise hides an MTF below {}", short(floor)));
-        let facts = [dark, self.window_sentence(), self.turn_sentence(), negative, below, floor];
+        let facts = [dark, self.window_sentence(options_in), self.turn_sentence(), negative, below, floor];
         facts.into_iter().flatten().collect()
     }
 
     /// Window, size of the pixels and share of the light; `None` for a whole file as it is.
-    fn window_sentence(&self) -> Option<String> {
+    fn window_sentence(&self, options_in: PsfOptionsIn) -> Option<String> {
         let PsfImportOptions { window, scale, .. } = self.options;
         if window == PsfWindow::All && scale == PsfScale::One {
             return None;
@@ -122,11 +135,19 @@ impl PsfImportReport {
             PsfScale::Grid(_) => format!(" in areas of {0} x {0} px", short(self.pixel)),
         };
         let lost = 1.0 - self.light_kept;
-        let advice = match window {
+        let advice = match (window, options_in) {
             _ if lost < LITTLE_LIGHT => "",
-            PsfWindow::Square => "; ?window=auto moves the square to the light, ?window=all keeps all",
-            PsfWindow::Auto | PsfWindow::Rectangle(_) => "; ?window=all keeps all",
-            PsfWindow::All => "; choose a bin that divides the sides",
+            (PsfWindow::Square, PsfOptionsIn::Path) => {
+                "; ?window=auto moves the square to the light, ?window=all keeps all"
+            }
+            (PsfWindow::Square, PsfOptionsIn::Dialog) => {
+                "; choose Square around the light as window to move it to the light, Whole photograph to keep all"
+            }
+            (PsfWindow::Auto | PsfWindow::Rectangle(_), PsfOptionsIn::Path) => "; ?window=all keeps all",
+            (PsfWindow::Auto | PsfWindow::Rectangle(_), PsfOptionsIn::Dialog) => {
+                "; choose Whole photograph as window to keep all"
+            }
+            (PsfWindow::All, _) => "; choose a bin that divides the sides",
         };
         let verb = if window == PsfWindow::All { "holds" } else { "hold" };
         Some(format!(

@@ -7,7 +7,7 @@ use egui::accesskit::Live;
 use egui::{ComboBox, Key, RichText, TextEdit, Ui, vec2};
 
 use crate::formats::{Channel, path_text};
-use crate::optics::{ImportedPsf, LensletArray, PixelRectangle, PsfDark, PsfScale, PsfWindow};
+use crate::optics::{ImportedPsf, LensletArray, PixelRectangle, PsfDark, PsfOptionsIn, PsfScale, PsfWindow};
 use crate::studio::canvas::image_view::ColourPalettes;
 use crate::studio::dialogs::path_dialog::NO_DIALOG;
 use crate::studio::dialogs::{psf_images, system_dialog};
@@ -162,10 +162,10 @@ fn content(ui: &mut Ui, form: &mut PsfImportForm, palettes: &ColourPalettes) {
 fn report(ui: &mut Ui, psf: &Result<ImportedPsf, String>, summary: Option<String>) {
     match psf {
         Ok(ImportedPsf { report, .. }) => {
-            for warning in report.warnings() {
+            for warning in report.warnings(PsfOptionsIn::Dialog) {
                 speak(&ui.colored_label(ui.visuals().warn_fg_color, sentence_case(&warning)), Live::Polite);
             }
-            for fact in report.facts() {
+            for fact in report.facts(PsfOptionsIn::Dialog) {
                 ui.add(egui::Label::new(RichText::new(sentence_case(&fact)).size(12.0)).wrap());
             }
         }

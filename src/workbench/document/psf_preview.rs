@@ -56,7 +56,7 @@ impl PsfPreviewer {
     /// # Errors
     /// One sentence where the photograph cannot be read.
     pub fn preview(&mut self, request: &PsfPreviewRequest) -> Result<PsfPreview, String> {
-        self.make(request).map_err(|error| error.to_string())
+        self.make(request).map_err(|error| error.in_dialog())
     }
 
     fn make(&mut self, request: &PsfPreviewRequest) -> Result<PsfPreview, PsfError> {
@@ -73,7 +73,7 @@ impl PsfPreviewer {
                 photograph.options = suggested;
             }
         }
-        let psf = read.pixels.psf(photograph.options).map_err(|error| error.to_string());
+        let psf = read.pixels.psf(photograph.options).map_err(|error| error.in_dialog());
         let (has_colours, shape, shown) = (read.has_colours, read.pixels.pixels.dim(), Arc::clone(&read.shown));
         Ok(PsfPreview { photograph, has_colours, shape, shown, psf })
     }
@@ -84,12 +84,11 @@ impl PsfPreviewer {
             return Ok(read.clone());
         }
         let origin = photograph.file.path.display().to_string();
-        let mut pixels = photograph.read(&origin)?;
+        let pixels = photograph.read_green(&origin)?;
         // A channel in the path is a channel of colours or of other planes.
         let has_colours = pixels.from_colour || photograph.file.meaning.channel.is_some();
         if pixels.from_colour {
             photograph.file.meaning.channel = Some(Channel::Green);
-            pixels = photograph.read(&origin)?;
         }
         let shown = Arc::new(averaged(pixels.pixels.view()));
         let read = ReadPhotograph { file: photograph.file.clone(), has_colours, pixels: Arc::new(pixels), shown };
