@@ -21,15 +21,11 @@ pub enum CameraError {
         /// The folder or descriptor.
         path: PathBuf,
     },
-    /// The series has too few light levels.
-    #[error("{}: expected {needed} or more light levels, found {found}; record pairs of frames at more exposures", .path.display())]
-    FewLevels {
+    /// The series has no frames with light.
+    #[error("{}: expected a light level or more, found none; record pairs of frames at several exposures", .path.display())]
+    NoLight {
         /// The folder or descriptor.
         path: PathBuf,
-        /// Levels that are needed.
-        needed: usize,
-        /// Levels found.
-        found: usize,
     },
     /// A group has a single frame.
     #[error("{}: expected 2 or more frames of {group}, found 1; the temporal noise needs two frames of the same light", .path.display())]

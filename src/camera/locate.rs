@@ -20,12 +20,11 @@ impl FrameSeries {
         let place = ImageFile::find(path)?;
         let mut series = if place.path.is_dir() { grouping::group(&place)? } else { descriptor::read(&place.path)? };
         series.groups.sort_by_key(|group| !group.is_dark);
-        let levels = series.groups.iter().filter(|group| !group.is_dark).count();
         if series.groups.iter().all(|group| !group.is_dark) {
             return Err(CameraError::NoDark { path: series.path });
         }
-        if levels == 0 {
-            return Err(CameraError::FewLevels { path: series.path, needed: 2, found: levels });
+        if series.groups.iter().all(|group| group.is_dark) {
+            return Err(CameraError::NoLight { path: series.path });
         }
         Ok(series)
     }
