@@ -24,7 +24,8 @@ use crate::workbench::captures::queue::CaptureQueue;
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
-use crate::workbench::jobs::job::{Job, Outcome};
+use crate::workbench::jobs::job::Job;
+use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
 use crate::workbench::live::published::{Live, Wanted};
@@ -400,6 +401,12 @@ impl Session {
         self.submit(Job::ImportPsf { path, side, document: self.document });
     }
 
+    /// Makes a diffuser on the PSF grid of the design. It replaces the mask, unless the design changes before.
+    pub fn make_diffuser(&self, aperture_px: usize) {
+        let (seed, (rows, cols)) = (self.open_design().seed, self.open_design().encoder.grid());
+        self.submit(Job::MakeDiffuser { aperture_px, seed, grid_px: rows.min(cols), replaces: self.contents });
+    }
+
     /// Fits lenslets to the PSF of a mask without lenslets. They replace the mask, unless it changes before.
     pub fn fit_lenslets(&self) {
         self.submit(Job::FitLenslets { encoder: self.open_design().encoder.clone(), replaces: self.contents });
@@ -420,6 +427,13 @@ impl Session {
                     "{} was not opened: the design has been changed meanwhile. Open it again.",
                     path.display()
                 )),
+                Ok(Outcome::DiffuserMade { replaces, name, .. }) if *replaces != self.contents => {
+                    Some(format!("The {name} is not used: the design has been changed meanwhile. Choose it again."))
+                }
+                Ok(Outcome::DiffuserMade { diffuser, name, .. }) => {
+                    let command = Command::ReplaceEncoder { name: name.clone(), encoder: Encoder::Diffuser(*diffuser) };
+                    self.apply(&command).err().map(|error| error.to_string())
+                }
                 Ok(Outcome::LensletsFitted { replaces, .. }) if *replaces != self.contents => Some(
                     "The fitted lenslets are not used: the design has been changed meanwhile. Fit them again.".into(),
                 ),

@@ -1,6 +1,6 @@
 //! Edits of the design, and what follows from them for selection, drag and locks.
 
-use crate::optics::{Diffuser, Encoder, Lenslet, depth_layout, heuristic_layout, random_layout};
+use crate::optics::{Encoder, Lenslet, depth_layout, heuristic_layout, random_layout};
 use crate::plural::counted;
 use crate::studio::app::state::State;
 use crate::studio::state::action::Preset;
@@ -94,10 +94,7 @@ impl State {
                 (format!("25 random lenslets, seed {draw}"), Encoder::Lenslets(random_layout(25, draw)))
             }
             Preset::Depth => ("5 lenslets in depth".into(), Encoder::Lenslets(depth_layout(5, 5))),
-            Preset::Diffuser(aperture_px) => (
-                format!("diffuser, aperture {aperture_px} px"),
-                Encoder::Diffuser(Diffuser::behind_aperture(aperture_px, seed)),
-            ),
+            Preset::Diffuser(aperture_px) => return self.session.make_diffuser(aperture_px),
         };
         // The sensor keeps its size.
         let Some(encoder) = encoder.on_grid(rows, cols) else { return };
@@ -123,6 +120,7 @@ mod tests {
 
     use super::*;
     use crate::forward::Design;
+    use crate::optics::Diffuser;
     use crate::studio::state::mask::MaskDrag;
 
     /// The state in the first frame.
@@ -158,6 +156,34 @@ mod tests {
         let mut state = window();
         state.send(&Command::DeleteLenslets(vec![9]));
         assert_eq!(state.messages.failure.as_deref(), Some("there is no lenslet 10; the mask has 9"));
+    }
+
+    /// Waits for the job of a window without frames.
+    fn finish_job(state: &mut State) -> Vec<Result<crate::workbench::Outcome, String>> {
+        loop {
+            let outcomes = state.session.take_outcomes();
+            if !outcomes.is_empty() {
+                return outcomes;
+            }
+            std::thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn diffusers_are_made_by_the_worker_and_later_edits_stay() {
+        let mut state = window();
+        let before = state.session.design().encoder.clone();
+        state.put_preset(Preset::Diffuser(16));
+        assert_eq!(state.session.design().encoder, before, "the worker makes it");
+        state.send(&Command::SetMeanPhotons(7.0));
+        let refused = finish_job(&mut state);
+        assert!(matches!(&refused[..], [Err(sentence)] if sentence.contains("changed meanwhile")), "{refused:?}");
+        assert_eq!(state.session.design().encoder, before);
+        state.put_preset(Preset::Diffuser(16));
+        assert!(finish_job(&mut state)[0].is_ok());
+        let diffuser = Diffuser::behind_aperture(16, state.session.design().seed);
+        assert_eq!(state.session.design().encoder, Encoder::Diffuser(diffuser));
+        assert_eq!(state.session.undoes(), Some("Use diffuser, aperture 16 px"));
     }
 
     #[test]

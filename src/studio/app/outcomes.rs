@@ -16,7 +16,9 @@ pub(super) fn report_outcome(state: &mut State, outcome: &Result<Outcome, String
             state.preferences.remember(path);
         }
         Ok(Outcome::Saved { path, .. }) => state.preferences.remember(path),
-        Ok(Outcome::PsfImported { .. } | Outcome::LensletsFitted { .. }) => state.panels.selection.clear(),
+        Ok(Outcome::PsfImported { .. } | Outcome::DiffuserMade { .. } | Outcome::LensletsFitted { .. }) => {
+            state.panels.selection.clear();
+        }
         Ok(Outcome::Exported { .. }) => state.dialogs.onboarding.exported = true,
         Ok(Outcome::SnapshotMeasured { number, measurement, .. }) => {
             state.panels.compare.snapshots.set_measurement(*number, measurement.clone());

@@ -14,7 +14,8 @@ use crate::sensor::{Convolution, Noise};
 use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::{Computation, Mailbox};
 use crate::workbench::estimates::queue::{EstimateQueue, LiveRequest};
-use crate::workbench::jobs::job::{Job, Outcome, first_measurement};
+use crate::workbench::jobs::job::{Job, first_measurement};
+use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::jobs::queue::{JobQueue, WorkerAnswer, WorkerTask};
 use crate::workbench::live::published::{Live, Revisioned, Wanted};
 

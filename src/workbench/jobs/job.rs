@@ -10,9 +10,8 @@ use crate::evaluation::scene::{EvaluationError, Optics, Scene, SceneTables};
 use crate::formats::{write_csv_text, write_png_rgb};
 use crate::forward::{Design, ForwardModel};
 use crate::information::Protocol;
-use crate::objects::{ObjectSet, ObjectSource};
-use crate::optics::{Encoder, FittedLenslets, ImportedPsf, PsfPhotograph, fit_lenslets, import_psf};
-use crate::plural::counted;
+use crate::objects::ObjectSet;
+use crate::optics::{Diffuser, Encoder, ImportedPsf, PsfPhotograph, fit_lenslets, import_psf};
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
 use crate::studies::plans::{CSV_HEADER, CellState, Figure, StudyFolder, StudyTable, write_figure};
@@ -20,6 +19,7 @@ use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::reconstruction_files;
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
+use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::live::record::LiveRecord;
 use crate::workbench::reconstructions::networks::{read_network, weights_beside, write_network};
 use crate::workbench::runs::IdealRecord;
@@ -94,6 +94,17 @@ pub enum Job {
         photograph: PsfPhotograph,
         /// The file.
         path: PathBuf,
+    },
+    /// Makes a diffuser behind an aperture that blocks the light outside, which takes a second on a large grid.
+    MakeDiffuser {
+        /// Side of the aperture on the published grid, pixels.
+        aperture_px: usize,
+        /// Seed of the surface.
+        seed: u64,
+        /// Side of the PSF grid, pixels.
+        grid_px: usize,
+        /// Number of the contents that it replaces.
+        replaces: u64,
     },
     /// Fits lenslets to the PSF of a mask without lenslets.
     FitLenslets {
@@ -197,139 +208,6 @@ pub enum Job {
     },
 }
 
-/// Outcome of a job.
-#[derive(Clone, Debug)]
-pub enum Outcome {
-    /// A design file was read.
-    Opened {
-        /// The design in the file.
-        design: Box<Design>,
-        /// Number of the contents that it replaces.
-        replaces: u64,
-        /// The file.
-        path: PathBuf,
-    },
-    /// A design file was written.
-    Saved {
-        /// Number of the document that was open at the request.
-        document: u64,
-        /// Number of the contents that were written.
-        contents: u64,
-        /// The trained network with its file, or the reason why it was not written.
-        network: Option<Result<(Arc<TrainedNetwork>, PathBuf), String>>,
-        /// The file.
-        path: PathBuf,
-    },
-    /// The weights of a network were read.
-    NetworkOpened {
-        /// The network.
-        network: Arc<TrainedNetwork>,
-        /// Number of the document that was open at the request.
-        document: u64,
-        /// The file.
-        path: PathBuf,
-    },
-    /// The weights of a network were written.
-    NetworkExported {
-        /// The network.
-        network: Arc<TrainedNetwork>,
-        /// The file.
-        path: PathBuf,
-    },
-    /// Objects were opened and can be used.
-    ObjectsOpened {
-        /// Their source.
-        source: ObjectSource,
-        /// Number of the document that was open at the request.
-        document: u64,
-        /// Summary of its files; none of beads.
-        understood: Option<String>,
-        /// Notices on the files.
-        notices: Vec<String>,
-    },
-    /// A snapshot was measured.
-    SnapshotMeasured {
-        /// Number of the snapshot.
-        number: u64,
-        /// Name of the snapshot.
-        name: String,
-        /// Its measurement with noise, photons per pixel, shape (rows, cols); or the reason why there is none.
-        measurement: Result<Array2<f32>, String>,
-    },
-    /// The record of a live estimate was written, for a command line.
-    RecordKept {
-        /// The file.
-        path: PathBuf,
-    },
-    /// A PSF image was read.
-    PsfImported {
-        /// The encoder made from it.
-        encoder: Encoder,
-        /// Summary of the file.
-        understood: String,
-        /// Sentences about the import.
-        notices: Vec<String>,
-        /// Number of the document that was open at the request.
-        document: u64,
-    },
-    /// Lenslets were fitted to a PSF.
-    LensletsFitted {
-        /// The lenslets, and the quality of the fit.
-        fitted: FittedLenslets,
-        /// Number of the contents that they replace.
-        replaces: u64,
-    },
-    /// Files were written.
-    Exported {
-        /// The files.
-        files: Vec<PathBuf>,
-    },
-}
-
-impl Outcome {
-    /// Whether a person requested it for this particular design or file.
-    pub fn is_asked_for(&self) -> bool {
-        !matches!(self, Self::SnapshotMeasured { .. } | Self::RecordKept { .. })
-    }
-
-    /// Sentences about the file, for people.
-    pub fn notices(&self) -> &[String] {
-        match self {
-            Self::ObjectsOpened { notices, .. } | Self::PsfImported { notices, .. } => notices,
-            _ => &[],
-        }
-    }
-
-    /// Report of the outcome, for people.
-    pub fn sentence(&self) -> String {
-        match self {
-            Self::Opened { path, .. } => format!("Opened {}", path.display()),
-            Self::Saved { path, network: Some(Ok((_, weights))), .. } => {
-                format!("Saved {} and its network {}", path.display(), weights.display())
-            }
-            Self::Saved { path, .. } => format!("Saved {}", path.display()),
-            Self::NetworkOpened { network, path, .. } => format!("Opened {}: {}", path.display(), network.summary()),
-            Self::NetworkExported { path, .. } => format!("Exported {}", path.display()),
-            Self::ObjectsOpened { source, understood: Some(understood), .. } => {
-                format!("Opened {source}: {understood}")
-            }
-            Self::ObjectsOpened { source, .. } => format!("Opened {source}"),
-            Self::SnapshotMeasured { name, measurement: Ok(_), .. } => format!("Measured {name}"),
-            Self::SnapshotMeasured { name, .. } => format!("{name} was not measured"),
-            Self::RecordKept { path } => format!("The record for the command line is {}", path.display()),
-            Self::LensletsFitted { fitted, .. } => fitted.summary(),
-            Self::PsfImported { encoder, understood, .. } => format!("Using {}: {understood}", encoder.describe()),
-            Self::Exported { files } => match files.as_slice() {
-                [file] => format!("Exported {}", file.display()),
-                files => {
-                    let folder = files.first().and_then(|file| file.parent()).unwrap_or(Path::new("."));
-                    format!("Exported {} to {}", counted(files.len(), "file"), folder.display())
-                }
-            },
-        }
-    }
-}
-
 impl Job {
     /// Name of the job, for people.
     pub fn name(&self) -> String {
@@ -339,6 +217,7 @@ impl Job {
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
+            Self::MakeDiffuser { aperture_px, .. } => format!("Make {}", diffuser_name(*aperture_px)),
             Self::FitLenslets { encoder, .. } => format!("Fit lenslets to {}", encoder.describe()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
@@ -405,6 +284,10 @@ impl Job {
                 photograph.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
+            Self::MakeDiffuser { aperture_px, seed, grid_px, replaces } => {
+                let diffuser = Diffuser::behind_aperture(*aperture_px, *seed).on_grid(*grid_px);
+                Ok(Outcome::DiffuserMade { diffuser, name: diffuser_name(*aperture_px), replaces: *replaces })
+            }
             Self::FitLenslets { encoder, replaces } => {
                 let fitted = fit_lenslets(encoder).map_err(|error| error.to_string())?;
                 Ok(Outcome::LensletsFitted { fitted, replaces: *replaces })
@@ -460,6 +343,10 @@ impl Job {
             }
         }
     }
+}
+
+fn diffuser_name(aperture_px: usize) -> String {
+    format!("diffuser, aperture {aperture_px} px")
 }
 
 /// Refuses a network of other objects or of another mask than those of a design.

@@ -3,6 +3,7 @@
 pub mod commands;
 pub mod evaluator;
 pub mod job;
+pub mod outcome;
 pub mod queue;
 pub mod record;
 pub mod worker;

@@ -11,7 +11,8 @@ use crate::forward::Design;
 use crate::progress::CancelToken;
 use crate::workbench::background::activity::{Activities, ActivityHandle, ActivityKind};
 use crate::workbench::background::mailbox::Queue;
-use crate::workbench::jobs::job::{Job, Outcome};
+use crate::workbench::jobs::job::Job;
+use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::live::inspection::{InspectionRequest, SampleInspection};
 use crate::workbench::live::published::{Live, Wanted};
 

@@ -6,7 +6,8 @@ use crate::workbench::background::mailbox::{Computation, MailboxThread, ThreadSe
 use crate::workbench::background::threads::{Threads, Wake, Work};
 use crate::workbench::estimates::estimator::Estimator;
 use crate::workbench::jobs::evaluator::Evaluator;
-use crate::workbench::jobs::job::{Job, Outcome};
+use crate::workbench::jobs::job::Job;
+use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::jobs::queue::JobQueue;
 use crate::workbench::live::inspection::InspectionRequest;
 use crate::workbench::live::published::{Live, Wanted};
