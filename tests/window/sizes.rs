@@ -110,3 +110,17 @@ fn whole_images_are_placed_as_chosen() {
         assert!(shows(&window, text), "{text}");
     }
 }
+
+#[test]
+fn fields_of_the_scene_stand_still_while_objects_are_computed() {
+    let mut window = open(Design::default());
+    let place = |window: &Window| window.get_by_label("Background photons").rect().top();
+    let before = place(&window);
+    type_number(&mut window, "Bead density", "0.03");
+    while studio(&window).session().is_computing() {
+        window.step();
+        assert_eq!(place(&window), before);
+    }
+    settle(&mut window);
+    assert_eq!(place(&window), before);
+}

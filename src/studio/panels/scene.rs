@@ -118,18 +118,39 @@ fn objects(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     if let Some(throughput) = design.encoder.throughput_unless_unit() {
         ui.weak(format!("Times a throughput of {} on the sensor", format_significant(throughput)));
     }
-    if let Some(scene) = view.live.scene.as_ref().filter(|scene| scene.value.serves(design)) {
-        ui.weak(scene.value.set.describe());
-        if let Some(understood) = scene.value.set.understood() {
-            ui.weak(format!("File: {understood}"));
-        }
-        for notice in scene.value.set.notices() {
-            ui.colored_label(ui.visuals().warn_fg_color, notice);
-        }
-    } else if let Some(busy) = &view.live.busy {
-        ui.weak(busy);
-    } else if let Some(failure) = view.failure() {
-        ui.colored_label(ui.visuals().error_fg_color, failure);
+    understood(ui, view);
+}
+
+/// What is known of the objects. While they are read or computed, the text keeps its height, so that the fields below stand still.
+fn understood(ui: &mut Ui, view: &View<'_>) {
+    let place = ui.scope_id().with("height of the objects");
+    let scene = view.live.scene.as_ref().filter(|scene| scene.value.serves(view.design));
+    let is_known = scene.is_some() || view.failure().is_some();
+    let response = ui
+        .vertical(|ui| {
+            if !is_known {
+                let before: Option<f32> = ui.data(|data| data.get_temp(place));
+                ui.set_min_height(before.unwrap_or_default());
+            }
+            if let Some(scene) = scene {
+                ui.weak(scene.value.set.describe());
+                if let Some(understood) = scene.value.set.understood() {
+                    ui.weak(format!("File: {understood}"));
+                }
+                for notice in scene.value.set.notices() {
+                    ui.colored_label(ui.visuals().warn_fg_color, notice);
+                }
+            } else if let Some(busy) = &view.live.busy {
+                ui.weak(busy);
+            } else if let Some(failure) = view.failure() {
+                ui.colored_label(ui.visuals().error_fg_color, failure);
+            } else {
+                ui.weak("Computing the objects");
+            }
+        })
+        .response;
+    if is_known {
+        ui.data_mut(|data| data.insert_temp(place, response.rect.height()));
     }
 }
 
