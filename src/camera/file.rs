@@ -73,6 +73,14 @@ impl CalibratedCamera {
         CameraFile { calibration: self.calibration.clone(), maps }
     }
 
+    /// The files that [`CalibratedCamera::write`] writes at `path`, the camera file first.
+    pub fn files(&self, path: &Path) -> Vec<PathBuf> {
+        let MapFiles { dark_signal_dn, response, mask } = self.file(path).maps;
+        let names = [dark_signal_dn, response, Some(mask), Some(Names::of(path).plot)];
+        let beside = names.into_iter().flatten().map(|name| path.with_file_name(name));
+        std::iter::once(path.to_path_buf()).chain(beside).collect()
+    }
+
     /// Writes the camera file, its maps and its drawing (SVG), all or none. Returns the files.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::evaluation::measured::{MeasuredConditions, MeasuredImages};
 use crate::evaluation::measured_error::MeasuredError;
@@ -36,7 +36,7 @@ pub struct SystemComparison {
 }
 
 /// Difference of two systems.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SystemDifference {
     /// Location of the images of the first system.
@@ -61,7 +61,7 @@ impl fmt::Display for SystemDifference {
 }
 
 /// Estimates of several systems, and what the first has more than each other.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Compared {
     /// The estimates, in the order of the command.

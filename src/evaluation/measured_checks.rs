@@ -68,6 +68,9 @@ pub(crate) fn grey_notes(values: &GreyValues) -> Vec<String> {
 /// share.
 pub(crate) fn fixed_pattern_note(photons: ArrayView3<'_, f32>, has_dark: bool) -> Option<String> {
     let (images, rows, cols) = photons.dim();
+    if images < 2 {
+        return None;
+    }
     let (n, pixels) = (images as f64, (rows * cols) as f64);
     let variance = |values: &mut dyn Iterator<Item = f64>| {
         let (mut count, mut sum, mut squares) = (0.0, 0.0, 0.0);

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ndarray::{Array2, Array3, Axis};
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{CalibratedCamera, ChosenFrames, ColourChoice};
 use crate::evaluation::calibration::Calibration;
@@ -19,7 +20,7 @@ use crate::progress::Progress;
 use crate::sensor::Noise;
 
 /// How camera images become electrons.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredOptions {
     /// Gain and offset, where no camera file and no dark frames state them, and bins.
     pub calibration: Calibration,
@@ -71,14 +72,27 @@ impl MeasuredImages {
         options: &MeasuredOptions,
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<Self, MeasuredError> {
+        let images = Self::read_with(source, options, progress)?;
+        let found = images.photons.len_of(Axis(0));
+        if found < 2 {
+            return Err(MeasuredError::TooFewImages { path: images.path, found });
+        }
+        Ok(images)
+    }
+
+    /// Reads images as [`MeasuredImages::open_with`]. A single image is read too: it can be shown, not estimated.
+    ///
+    /// # Errors
+    /// As [`MeasuredImages::open_with`], but for a single image.
+    pub fn read_with(
+        source: &MeasuredSource,
+        options: &MeasuredOptions,
+        progress: &mut (dyn Progress<EstimateProgress> + Send),
+    ) -> Result<Self, MeasuredError> {
         let path = source.path();
         let calibration = options.pixels()?;
         let ConvertedImages { photons, values, understood, colour, planes } =
             read_images(path, options, &calibration, progress)?;
-        let found = photons.len_of(Axis(0));
-        if found < 2 {
-            return Err(MeasuredError::TooFewImages { path: path.to_path_buf(), found });
-        }
         let mean = photons.iter().map(|&value| f64::from(value)).sum::<f64>() / photons.len() as f64;
         if !mean.is_finite() {
             let expected = "as many grey levels per photon as leave the photons a finite number";
@@ -112,6 +126,15 @@ impl MeasuredImages {
 }
 
 impl MeasuredOptions {
+    /// The same options with absolute paths.
+    pub(crate) fn absolute(&self) -> Self {
+        let absolute = |path: &Option<PathBuf>| {
+            path.as_ref().map(|path| std::path::absolute(path).unwrap_or_else(|_| path.clone()))
+        };
+        let [camera, dark, flat] = [&self.camera, &self.dark, &self.flat].map(absolute);
+        Self { camera, dark, flat, ..self.clone() }
+    }
+
     /// Noise of the camera file: shot noise with its temporal dark noise; `None` without a file or without dark noise.
     ///
     /// # Errors

@@ -1,12 +1,13 @@
 //! The part of camera images that is estimated, and its orientation.
 
 use ndarray::{Array3, Axis};
+use serde::{Deserialize, Serialize};
 
 use crate::evaluation::measured_error::MeasuredError;
 use crate::formats::turned;
 
 /// Part of the images that is estimated, and its orientation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct View {
     /// Part of the image; `None` is the whole.
     pub crop: Option<Crop>,
@@ -17,7 +18,7 @@ pub struct View {
 }
 
 /// A rectangle of pixels, written `ROWSxCOLS+TOP+LEFT`, such as `64x96+10+20`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Crop {
     /// Row of the first pixel.
     pub top: usize,

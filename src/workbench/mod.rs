@@ -19,7 +19,7 @@ pub use background::latest::WorkState;
 pub use cameras::calibration::{CalibrationOrder, CalibrationResults};
 pub use cameras::comparison::{ComparisonOrder, ComparisonResults};
 pub use cameras::desk::CameraResults;
-pub use cameras::previews::{CapturePreview, CapturePreviews, SystemCaptures};
+pub use cameras::previews::{CapturePreview, CapturePreviews, CaptureUnit, SystemCaptures, range_of};
 pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};

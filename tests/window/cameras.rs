@@ -7,11 +7,12 @@ use lenslet_studio::camera::{CalibratedCamera, ColourChoice, FrameSeries, calibr
 use lenslet_studio::formats::write_array;
 use lenslet_studio::forward::Design;
 use lenslet_studio::prelude::CancelToken;
-use lenslet_studio::workbench::{CameraResults, WorkState};
+use lenslet_studio::workbench::{CameraResults, WorkState, range_of};
 use ndarray::Array3;
 
+use super::home::at_home;
 use super::waiting::wait_for;
-use super::{Window, answer, click, open, studio, type_number};
+use super::{Window, answer, click, menu, open, studio, type_number};
 
 /// Frames of a sensor of 2 DN per electron, offset 100 DN and read noise of 3 electrons; `electrons` is the mean of each pixel.
 fn frames(shape: (usize, usize, usize), seed: u64, electrons: impl Fn(usize, usize, usize) -> f64) -> Array3<f32> {
@@ -104,6 +105,19 @@ fn camera_is_calibrated_saved_and_opened() {
     answer(&mut window, &file, "Save");
     assert_eq!(CalibratedCamera::open(&file).unwrap().calibration, expected);
     assert!(place.path().join("camera.svg").is_file());
+    // Another camera does not replace maps or camera file without a question that names them.
+    let mask = std::fs::read(place.path().join("camera-mask.npy")).unwrap();
+    std::fs::write(place.path().join("other-mask.npy"), &mask).unwrap();
+    let written = |name: &&str| place.path().join(name).is_file();
+    let maps = ["camera-dark.npy", "camera-response.npy", "camera-mask.npy"].into_iter().filter(written);
+    let all = format!("camera.json, {} and camera.svg already exist.", maps.collect::<Vec<_>>().join(", "));
+    for (name, question) in [("other.json", "other-mask.npy already exists. Replace it?"), ("camera.json", &all)] {
+        click(&mut window, "Save camera");
+        answer(&mut window, &place.path().join(name), "Save");
+        assert!(shows(&window, question), "{question}");
+        click(&mut window, "Cancel");
+    }
+    assert!(!place.path().join("other.json").exists());
     click(&mut window, "Use camera for captures");
     window.get_by_label("Leave out camera file");
     // The file is opened in another window.
@@ -178,7 +192,9 @@ fn write_systems(folder: &Path) -> [PathBuf; 2] {
 fn systems_are_compared_as_by_the_command_line() {
     let place = tempfile::tempdir().unwrap();
     let systems = write_systems(place.path());
-    let mut window = open(Design::default());
+    let home = place.path().join("home");
+    std::fs::create_dir(&home).unwrap();
+    let mut window = at_home(&home);
     click(&mut window, "Camera");
     click(&mut window, "Show captures");
     for system in &systems {
@@ -225,18 +241,72 @@ fn systems_are_compared_as_by_the_command_line() {
     click(&mut window, "Captures: mirror");
     click(&mut window, "Show comparison");
     assert!(shows(&window, "earlier captures or options"));
+    // The next window shows the same numbers, and their captures again.
+    drop(window);
+    let mut window = at_home(&home);
+    click(&mut window, "Camera");
+    click(&mut window, "Show comparison");
+    assert_eq!(cameras(&window).comparison.as_deref(), Some(&*found));
+    assert!(shows(&window, "sharp.npy less blurred.npy") && shows(&window, "earlier captures or options"));
+    click(&mut window, "Choose the captures of the comparison");
+    assert!(!shows(&window, "earlier captures or options"));
+    click(&mut window, "Show captures");
+    wait_for(&mut window, "the previews", |window| known(window).len() == 2);
+    assert_eq!(known(&window)[0].as_ref().unwrap().mean, sharp.mean);
+}
+
+#[test]
+fn a_capture_is_shown_beside_the_simulated_measurement_of_the_design() {
+    let place = tempfile::tempdir().unwrap();
+    let capture = place.path().join("raw.npy");
+    let stripes = |_, row: usize, col: usize| 200.0 + 100.0 * ((row + 2 * col) as f64 * 0.4).sin();
+    write_array(&capture, frames((1, 24, 36), 5, stripes).view()).unwrap();
+    let mut window = open(Design::default());
+    click(&mut window, "Camera");
+    click(&mut window, "Show captures");
+    click(&mut window, "Add file of captures");
+    answer(&mut window, &capture, "Choose");
+    let is_known = |window: &Window| matches!(cameras(window).previews.systems.as_slice(), [Ok(_)]);
+    wait_for(&mut window, "the preview", is_known);
+    let known = cameras(&window).previews.systems[0].clone().unwrap();
+    let captured =
+        |unit: &str, (low, high): (f32, f32)| format!("First image: 24 x 36 px, {low:.1} to {high:.1} {unit}");
+    assert!(shows(&window, &captured("grey values", known.range)));
+    assert!(shows(&window, "An estimate needs 2 or more"), "a single image is no system");
+    type_number(&mut window, "Captures: gain", "2");
+    wait_for(&mut window, "photons", |window| {
+        cameras(window).previews.systems.len() == 1 && shows(window, " photons; mean")
+    });
+    // The other image follows each edit of the design.
+    let simulated = |window: &Window| {
+        let measurements = studio(window).session().live().measurements.unwrap();
+        assert_eq!(measurements.revision, studio(window).session().revision());
+        let image = measurements.value.noisy.index_axis(ndarray::Axis(0), 0);
+        let (low, high) = range_of(image);
+        let (rows, cols) = image.dim();
+        format!("Simulated measurement: {rows} x {cols} px, {low:.1} to {high:.1} photons")
+    };
+    let before = simulated(&window);
+    assert!(shows(&window, &before), "{before}");
+    for name in ["First image", "Simulated measurement"] {
+        window.get_by_role_and_label(egui::Role::Image, name);
+    }
+    menu(&mut window, &["Presets", "25 random lenslets"]);
+    let after = simulated(&window);
+    assert!(before != after && shows(&window, &after), "{after}");
+    assert!(!shows(&window, &before));
 }
 
 #[test]
 fn captures_that_cannot_be_read_are_told_and_taken_out() {
     let place = tempfile::tempdir().unwrap();
     let [sharp, _] = write_systems(place.path());
-    let single = place.path().join("single.npy");
-    write_array(&single, frames((1, 16, 16), 3, |_, _, _| 100.0).view()).unwrap();
+    let broken = place.path().join("broken.npy");
+    std::fs::write(&broken, b"no array").unwrap();
     let mut window = open(Design::default());
     click(&mut window, "Camera");
     click(&mut window, "Show captures");
-    for system in [&sharp, &single] {
+    for system in [&sharp, &broken] {
         click(&mut window, "Add file of captures");
         answer(&mut window, system, "Choose");
     }
@@ -244,7 +314,7 @@ fn captures_that_cannot_be_read_are_told_and_taken_out() {
         |window: &Window| -> Vec<bool> { cameras(window).previews.systems.iter().map(Result::is_ok).collect() };
     wait_for(&mut window, "the previews", |window| states(window) == [true, false]);
     let sentence = cameras(&window).previews.systems[1].clone().unwrap_err();
-    assert!(shows(&window, &sentence) && sentence.contains("single.npy"), "{sentence}");
+    assert!(shows(&window, &sentence) && sentence.contains("broken.npy"), "{sentence}");
     click(&mut window, "Remove system 2");
     wait_for(&mut window, "the previews", |window| states(window) == [true]);
     // A crop that leaves the images.

@@ -137,6 +137,9 @@ impl Studio {
         if let Err(error) = self.state.session.keep_estimates_in(&folder.join("estimates")) {
             self.state.messages.push(Severity::Failure, error.to_string());
         }
+        if let Err(error) = self.state.session.keep_comparison_in(folder) {
+            self.state.messages.push(Severity::Failure, error.to_string());
+        }
         self.keep_runs(folder);
         self.state.reopen_study();
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::camera::ColourChoice;
 use crate::evaluation::{Calibration, Crop, EstimateRequest, MeasuredOptions, View as CaptureView};
 use crate::information::{EngineChoice, Estimator};
-use crate::studio::canvas::image_view::ImageView;
+use crate::studio::canvas::image_view::{ImageVersion, ImageView};
 use crate::studio::state::estimates::FitLengthForm;
 use crate::studio::state::path_dialog::Picker;
 use crate::workbench::{Colormap, SystemCaptures};
@@ -85,9 +85,9 @@ impl CameraPath {
             }
             Self::Descriptor => "A descriptor file of EMVA 1288 (lines n, b, d and i)",
             Self::CameraFile | Self::CameraOfCaptures => "A camera file (.json), as calibrate --out writes it",
-            Self::CaptureFolder => "A folder of two or more images of one system",
+            Self::CaptureFolder => "A folder of images of one system: one to look at, two or more to estimate",
             Self::CaptureFile => {
-                "Two or more images of one system: an NPY, NPZ or TIFF stack. FILE?axis=last names the axis that counts images"
+                "An image of one system to look at, or a stack (NPY, NPZ, TIFF) to estimate. FILE?axis=last names the axis that counts images"
             }
             Self::Dark => "A folder, or a stack, of images without light",
             Self::Flat => "A folder, or a stack, of images of even light",
@@ -169,6 +169,10 @@ pub struct CapturesForm {
     pub asked: Option<Arc<SystemCaptures>>,
     /// The first image of the shown system.
     pub image: ImageView,
+    /// The simulated measurement beside it.
+    pub simulated: ImageView,
+    /// Least and largest value of the simulated measurement, with its version.
+    pub simulated_range: Option<(ImageVersion, (f32, f32))>,
 }
 
 impl Default for CapturesForm {
@@ -187,6 +191,8 @@ impl Default for CapturesForm {
             is_mirrored: false,
             asked: None,
             image: ImageView::new("First image", "per px", Colormap::Gray),
+            simulated: ImageView::new("Simulated measurement", "photons", Colormap::Gray),
+            simulated_range: None,
         }
     }
 }
@@ -204,6 +210,20 @@ impl CapturesForm {
             CameraPath::Flat => self.flat = Some(path),
             CameraPath::Frames | CameraPath::Descriptor | CameraPath::CameraFile => {}
         }
+    }
+
+    /// Takes captures with all their options in place of those of the form.
+    pub fn take(&mut self, captures: &SystemCaptures) {
+        let SystemCaptures { sources, options } = captures;
+        let text = |path: &Option<PathBuf>| path.as_ref().map(|path| path.to_string_lossy().into_owned());
+        self.systems = sources.iter().map(ToString::to_string).collect();
+        self.shown = 0;
+        [self.camera, self.dark, self.flat] = [&options.camera, &options.dark, &options.flat].map(text);
+        (self.calibration, self.colour) = (options.calibration, options.colour);
+        let CaptureView { crop, quarter_turns, is_mirrored } = options.view;
+        self.crop = crop.map_or_else(String::new, |crop| crop.to_string());
+        self.typed_crop.clone_from(&self.crop);
+        (self.quarter_turns, self.is_mirrored) = (quarter_turns, is_mirrored);
     }
 
     /// Removes a system.
@@ -324,6 +344,9 @@ mod tests {
         form.choose(CameraPath::CameraOfCaptures, "camera.json".into());
         let options = form.captures().unwrap().options;
         assert_eq!(options.calibration, Calibration { gain: 1.0, offset: 0.0, bin: 2 });
+        let mut again = CapturesForm::default();
+        again.take(&form.captures().unwrap());
+        assert_eq!(again.captures(), form.captures(), "captures come back with their options");
         form.crop = "64".into();
         assert!(form.captures().unwrap_err().contains("ROWSxCOLS+TOP+LEFT"));
         assert_eq!((form.shown, form.name(0)), (1, "lensed".into()));

@@ -18,6 +18,9 @@ use crate::workbench::{
     RECONSTRUCTIONS_FILE,
 };
 
+/// Most files of a question that are named between the first and the last.
+const MOST_NAMED: usize = 4;
+
 /// One of the two files of a capture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CaptureFile {
@@ -330,10 +333,11 @@ impl PathQuestion {
     /// Existing files that the answer would replace. Saving to the design's `own` file is no replacement.
     pub fn would_replace(&self, own: Option<&Path>) -> Vec<PathBuf> {
         let target = self.target();
-        let mut files = match self.purpose {
+        let mut files = match &self.purpose {
             PathPurpose::ExportDesign => DESIGN_FILES.map(|name| target.join(name)).to_vec(),
             PathPurpose::ExportMeasurements => MEASUREMENT_STACKS.map(|name| self.format.file(&target, name)).to_vec(),
             PathPurpose::ExportCapture { .. } => vec![target.join(RECONSTRUCTIONS_FILE)],
+            PathPurpose::SaveCamera(camera) => camera.files(&target),
             _ if self.purpose.extension().is_some() => vec![target],
             _ => Vec::new(),
         };
@@ -342,13 +346,18 @@ impl PathQuestion {
         files
     }
 
-    /// The question whether these files may be replaced.
+    /// The question whether these files of one folder may be replaced. Few are all named.
     pub fn ask_to_replace(files: &[PathBuf]) -> Option<String> {
         let (first, others) = files.split_first()?;
         let first = first.display();
-        Some(match others.len() {
-            0 => format!("{first} already exists. Replace it?"),
-            more => format!("{first} and {more} more already exist. Replace them?"),
+        let names: Vec<_> = others.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy())).collect();
+        Some(match names.as_slice() {
+            [] => format!("{first} already exists. Replace it?"),
+            [only] => format!("{first} and {only} already exist. Replace them?"),
+            [more @ .., last] if more.len() < MOST_NAMED => {
+                format!("{first}, {} and {last} already exist. Replace them?", more.join(", "))
+            }
+            more => format!("{first} and {} more already exist. Replace them?", more.len()),
         })
     }
 }

@@ -172,6 +172,11 @@ impl<O: Order> LatestThread<O> {
         self.thread.publish(|queue| queue.order(order));
     }
 
+    /// Shows results of an earlier session.
+    pub fn restore(&self, results: O::Results) {
+        self.thread.publish(|queue| queue.results = results);
+    }
+
     /// Cancels the running and drops the waiting order. Results so far stay.
     pub fn cancel(&self) {
         self.thread.publish(LatestQueue::cancel);

@@ -1,6 +1,9 @@
 //! Comparison of systems by their captures.
 
+use std::path::PathBuf;
 use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 use crate::evaluation::{
     Compared, EqualLight, EstimateProgress, EstimateRequest, MeasuredConditions, SystemComparison,
@@ -9,10 +12,11 @@ use crate::plural::counted;
 use crate::sensor::Noise;
 use crate::workbench::background::activity::ActivityKind;
 use crate::workbench::background::latest::{Order, Work};
+use crate::workbench::cameras::comparison_file;
 use crate::workbench::cameras::previews::SystemCaptures;
 
 /// An order to estimate and compare systems.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ComparisonOrder {
     /// The captures.
     pub captures: Arc<SystemCaptures>,
@@ -29,7 +33,7 @@ pub struct ComparisonOrder {
 }
 
 /// A finished comparison.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ComparisonResults {
     /// What was ordered.
     pub order: ComparisonOrder,
@@ -37,10 +41,19 @@ pub struct ComparisonResults {
     pub own: Compared,
     /// The systems at equal light, if that was ordered.
     pub equal: Option<Compared>,
+    /// Whether this version of the program would compute the same.
+    pub is_of_this_version: bool,
+}
+
+/// An order whose results are stored, so that they outlive the window.
+pub(crate) struct KeptComparison {
+    pub(crate) order: ComparisonOrder,
+    /// The file of the results; none where nothing is stored.
+    pub(crate) file: Option<PathBuf>,
 }
 
 impl ComparisonOrder {
-    fn compare(&self, light: Option<EqualLight>, work: &Work<'_, Self>) -> Result<Compared, String> {
+    fn compare(&self, light: Option<EqualLight>, work: &Work<'_, KeptComparison>) -> Result<Compared, String> {
         let SystemCaptures { sources, options } = &*self.captures;
         let noise = options.camera_noise().map_err(|error| error.to_string())?;
         // A camera without dark noise has shot noise.
@@ -65,19 +78,22 @@ impl ComparisonOrder {
     }
 }
 
-impl Order for ComparisonOrder {
+impl Order for KeptComparison {
     type Results = Option<Arc<ComparisonResults>>;
 
     fn activity(&self) -> Option<(ActivityKind, String)> {
-        Some((ActivityKind::Comparison, format!("Compare {}", counted(self.captures.sources.len(), "system"))))
+        let systems = counted(self.order.captures.sources.len(), "system");
+        Some((ActivityKind::Comparison, format!("Compare {systems}")))
     }
 
     fn run(&self, work: &Work<'_, Self>) -> Result<(), String> {
-        let own = self.compare(None, work)?;
-        let light = self.equal_light.map(|mean_photons| EqualLight { mean_photons, ..EqualLight::default() });
-        let equal = light.map(|light| self.compare(Some(light), work)).transpose()?;
-        let results = Arc::new(ComparisonResults { order: self.clone(), own, equal });
-        work.publish(|newest| *newest = Some(results));
-        Ok(())
+        let order = &self.order;
+        let own = order.compare(None, work)?;
+        let light = order.equal_light.map(|mean_photons| EqualLight { mean_photons, ..EqualLight::default() });
+        let equal = light.map(|light| order.compare(Some(light), work)).transpose()?;
+        let results = Arc::new(ComparisonResults { order: order.clone(), own, equal, is_of_this_version: true });
+        work.publish(|newest| *newest = Some(Arc::clone(&results)));
+        let kept = self.file.as_ref().map_or(Ok(()), |file| comparison_file::write(file, &results));
+        kept.map_err(|error| format!("the comparison is not stored: {error}"))
     }
 }

@@ -2,5 +2,6 @@
 
 pub mod calibration;
 pub mod comparison;
+mod comparison_file;
 pub mod desk;
 pub mod previews;

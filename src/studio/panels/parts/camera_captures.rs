@@ -2,23 +2,20 @@
 
 use std::sync::Arc;
 
-use egui::{Button, ComboBox, Label, RichText, TextEdit, Ui, vec2};
+use egui::{Button, ComboBox, Label, RichText, TextEdit, Ui};
 
 use crate::evaluation::Calibration;
-use crate::studio::canvas::image_view::{ImageContent, ImageVersion};
-use crate::studio::canvas::pan_zoom::PointerMode;
+use crate::studio::panels::parts::camera_images;
 use crate::studio::state::camera::{CameraPath, CameraState, CapturesForm, name_of};
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::{CameraRequest, Request};
 use crate::studio::state::view::View;
-use crate::studio::widgets::controls::{name_widget, rest_of_panel, toolbar};
+use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::number_field::NumberField;
 use crate::workbench::{CapturePreview, SystemCaptures};
 
 /// Size of the texts, points.
 const TEXT: f32 = 12.5;
-/// Least height of the image, points.
-const LEAST_IMAGE: f32 = 160.0;
 /// Largest side of squares that are summed, px.
 const LARGEST_BIN: usize = 64;
 
@@ -57,7 +54,7 @@ pub fn show(ui: &mut Ui, state: &mut CameraState, view: &View<'_>, requests: &mu
     let known = if previews.of.as_deref() == Some(&captures) { previews.systems.as_slice() } else { &[] };
     systems(ui, form, known);
     if let Some(Ok(preview)) = known.get(form.shown) {
-        image(ui, form, preview, previews.serial, view, requests);
+        camera_images::show(ui, form, preview, previews.serial, view, requests);
     }
 }
 
@@ -168,6 +165,9 @@ fn systems(ui: &mut Ui, form: &mut CapturesForm, known: &[Result<CapturePreview,
             }
             Some(Ok(preview)) => {
                 ui.add(Label::new(RichText::new(&preview.understood).size(TEXT)).wrap());
+                if preview.images == 1 {
+                    ui.weak("One image is shown. An estimate needs 2 or more.");
+                }
             }
             Some(Err(sentence)) => {
                 ui.colored_label(ui.visuals().error_fg_color, sentence);
@@ -177,35 +177,4 @@ fn systems(ui: &mut Ui, form: &mut CapturesForm, known: &[Result<CapturePreview,
     if let Some(index) = removed {
         form.remove(index);
     }
-}
-
-/// The first image of a system, with its range.
-fn image(
-    ui: &mut Ui,
-    form: &mut CapturesForm,
-    preview: &CapturePreview,
-    serial: u64,
-    view: &View<'_>,
-    requests: &mut Vec<Request>,
-) {
-    let values = preview.image.view();
-    let unit = if preview.is_in_electrons { "electrons" } else { "photons" };
-    let (low, high) =
-        values.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
-    toolbar(ui, |ui| {
-        let text = format!("First image: {low:.1} to {high:.1} {unit}; mean of all {:.1}", preview.mean);
-        ui.label(RichText::new(text).size(TEXT));
-        form.image.colour_controls(ui, view.palettes);
-    });
-    let size = vec2(ui.available_width(), rest_of_panel(ui, LEAST_IMAGE));
-    ui.allocate_ui(size, |ui| {
-        ui.set_min_size(size);
-        ui.set_max_size(size);
-        let version = ImageVersion { revision: serial, index: form.shown };
-        let content = ImageContent { values, version, is_stale: false };
-        let shown = form.image.show(ui, view.palettes, content, PointerMode::View);
-        let place = shown.response.hover_pos().map(|position| shown.placement.to_pixels(position));
-        let value = place.and_then(|place| form.image.describe_pixel(values, place));
-        requests.extend(value.map(Request::Describe));
-    });
 }

@@ -49,8 +49,20 @@ pub fn show(ui: &mut Ui, state: &mut CameraState, view: &View<'_>, requests: &mu
     };
     ui.separator();
     let order = &results.order;
-    if !captures.is_ok_and(|captures| captures == *order.captures) {
-        ui.colored_label(ui.visuals().warn_fg_color, "These numbers belong to earlier captures or options.");
+    if !captures.is_ok_and(|captures| captures.is_same(&order.captures)) {
+        ui.horizontal_wrapped(|ui| {
+            ui.colored_label(ui.visuals().warn_fg_color, "These numbers belong to earlier captures or options.");
+            let back = ui.small_button("Choose them again");
+            let back = back.on_hover_text("Replaces the captures and options by those of these numbers");
+            name_widget(&back, "Choose the captures of the comparison");
+            if back.clicked() {
+                state.captures.take(&order.captures);
+            }
+        });
+    }
+    if !results.is_of_this_version {
+        let text = "These numbers are of an earlier version of the program, which may compute others.";
+        ui.colored_label(ui.visuals().warn_fg_color, text);
     }
     table(ui, results);
     details(ui, &mut state.comparison, results, requests);

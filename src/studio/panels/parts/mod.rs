@@ -4,6 +4,7 @@ pub mod action_entry;
 pub mod camera_calibration;
 pub mod camera_captures;
 pub mod camera_comparison;
+pub mod camera_images;
 pub mod camera_plots;
 pub mod fit_length;
 pub mod hints;
