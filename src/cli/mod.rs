@@ -23,7 +23,6 @@ mod reproduce;
 mod schemas;
 mod simulate;
 mod study;
-mod study_decoders;
 mod study_plan;
 mod study_run;
 mod tamura;

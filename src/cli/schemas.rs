@@ -16,8 +16,8 @@ use crate::evaluation::Compared;
 use crate::forward::Design;
 use crate::information::Estimate;
 use crate::optics::MASK_DOCUMENT_VERSION;
+use crate::studies::StudyRecord;
 use crate::studies::plans::CellRecord;
-use crate::studies::{DecoderStudyRecord, StudyRecord};
 use crate::workbench::{IdealRecord, LiveRecord};
 
 /// Content of a design file.
@@ -94,11 +94,6 @@ fn pages() -> Vec<Page> {
             written::<Compared>("system-comparison", "The JSON of estimate for several systems"),
             "lenslet-studio/system-comparison",
             &[1],
-        ),
-        of_kind(
-            written::<DecoderStudyRecord>("decoder-study", "decoders.json, and the JSON of study decoders"),
-            "lenslet-studio/decoder-study",
-            WITH_MASKS,
         ),
         of_kind(written::<IdealRecord>("run", "run.json, the record of a run"), "lenslet-studio/ideal", WITH_MASKS),
         of_kind(

@@ -8,7 +8,6 @@ use clap::{Args, Subcommand};
 use super::choices::{check_count, check_folder};
 use super::failure::Failure;
 use super::output;
-use super::study_decoders::DecodersArgs;
 use super::study_plan::{Changes, PlanArgs};
 use super::study_run::{RunArgs, write_table};
 use crate::evaluation::format_duration;
@@ -45,8 +44,6 @@ enum Kind {
     Missing(MissingArgs),
     /// Write a batch script for a Slurm job array over the cells of a plan.
     Sbatch(SbatchArgs),
-    /// Information of the whole sensor beside the image quality of decoders, with a scatter plot.
-    Decoders(DecodersArgs),
     /// Former commands.
     #[command(hide = true)]
     Grid(FormerArgs),
@@ -54,6 +51,8 @@ enum Kind {
     Patches(FormerArgs),
     #[command(hide = true)]
     Bracket(FormerArgs),
+    #[command(hide = true)]
+    Decoders(FormerArgs),
 }
 
 #[derive(Args, Debug)]
@@ -126,10 +125,10 @@ impl Arguments {
             Kind::Plot(arguments) => arguments.run(),
             Kind::Missing(arguments) => arguments.run(),
             Kind::Sbatch(arguments) => arguments.run(),
-            Kind::Decoders(decoders) => decoders.run(),
             Kind::Grid(_) => Err(former("grid")),
             Kind::Patches(_) => Err(former("patches")),
             Kind::Bracket(_) => Err(former("bracket")),
+            Kind::Decoders(_) => Err(former("decoders")),
         }
     }
 }
@@ -147,11 +146,10 @@ impl ShowArgs {
         if let Some(named) = &self.plan {
             return output::print(&self.changes.applied_to(named)?.to_toml()?);
         }
-        let line = |named: &NamedPlan| {
-            let cells = named.plan.axes.size().unwrap_or_default();
-            format!("{:<10} {cells:>4} cells  {}", named.plan.name, named.question)
+        let line = |named: &NamedPlan| -> anyhow::Result<String> {
+            Ok(format!("{:<10} {:>4} cells  {}", named.plan.name, named.cell_count()?, named.question))
         };
-        output::print(&named_plans().iter().map(line).collect::<Vec<_>>().join("\n"))
+        output::print(&named_plans().iter().map(line).collect::<anyhow::Result<Vec<_>>>()?.join("\n"))
     }
 }
 
@@ -229,8 +227,8 @@ impl SbatchArgs {
         let folder = StudyFolder::begin(plan, &self.out)?;
         let ranks = folder.ranks();
         let mut times = vec![Duration::ZERO; tasks];
-        for (index, cell) in folder.cells().iter().enumerate() {
-            times[Shard::of(ranks[index], tasks).index] += folder.plan().time_of(cell);
+        for (rank, time) in ranks.into_iter().zip(folder.plan().times_of(folder.cells())) {
+            times[Shard::of(rank, tasks).index] += time;
         }
         let script = BatchScript {
             name: folder.plan().name.clone(),

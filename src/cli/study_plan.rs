@@ -4,15 +4,15 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use clap::builder::{OsStringValueParser, TypedValueParser};
+use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::choices::{BudgetChoice, EstimatorChoice};
-use crate::information::Protocol;
+use crate::information::{Estimator, Protocol};
 use crate::objects::ObjectSource;
 use crate::reconstruction::DecoderKind;
 use crate::sensor::{Noise, PatchSize};
-use crate::studies::plans::{NamedPlan, Plan, ReconstructionSettings, SizeChoice, StudyFolder, StudyMask, named_plans};
+use crate::studies::plans::{NamedPlan, Plan, SizeChoice, StudyDecoder, StudyFolder, StudyMask, named_plans};
 
 /// A plan by name or file, and what replaces its entries.
 #[derive(Args, Debug)]
@@ -87,9 +87,17 @@ pub(super) struct Changes {
     #[arg(long)]
     steps: Option<usize>,
 
-    /// Decoder whose image quality every cell reports; posterior is for beads alone.
-    #[arg(long, value_enum)]
-    decoder: Option<DecoderKind>,
+    /// Decoders whose image quality the cells report, or none; posterior is for beads alone.
+    #[arg(long, value_delimiter = ',', value_parser = decoder_argument())]
+    decoder: Vec<StudyDecoder>,
+
+    /// Test objects of a decoder.
+    #[arg(long, value_name = "N")]
+    test: Option<usize>,
+
+    /// Markov chains of this many sweeps for each image refine the posterior mean.
+    #[arg(long, value_name = "N")]
+    sweeps: Option<usize>,
 
     /// Time for the training of a decoder in one cell, such as 60s.
     #[arg(long, conflicts_with = "steps")]
@@ -127,6 +135,12 @@ fn set_argument() -> impl TypedValueParser<Value = (String, ObjectSource)> {
         let source = Path::new(&text).to_str().map(|text| OsStr::new(&text[at + 1..]).to_owned()).ok_or_else(wrong)?;
         ObjectSource::from_os(&source).map(|source| (name.to_owned(), source)).map_err(|error| error.to_string())
     })
+}
+
+fn decoder_argument() -> impl TypedValueParser<Value = StudyDecoder> {
+    let none = PossibleValue::new("none").help("Information alone");
+    let kinds = DecoderKind::value_variants().iter().filter_map(ValueEnum::to_possible_value);
+    PossibleValuesParser::new(std::iter::once(none).chain(kinds)).try_map(|text| text.parse())
 }
 
 fn mask_argument() -> impl TypedValueParser<Value = StudyMask> {
@@ -169,7 +183,8 @@ impl Changes {
     /// The plan of a name, a file or a folder, with these changes and absolute paths.
     pub fn applied_to(&self, named: &Path) -> anyhow::Result<Plan> {
         let plan = self.applied(read(named)?).absolute();
-        let is_trained = plan.reconstruction.is_some_and(|of| of.decoder.needs().training);
+        let decoders = plan.decoders();
+        let is_trained = decoders.iter().any(|decoder| decoder.needs().training);
         let is_timed = plan.axes.estimator.iter().any(|estimator| estimator.default_budget().is_some()) || is_trained;
         if !is_timed && (self.budget.is_some() || self.steps.is_some()) {
             bail!("--budget and --steps are for fits; leave them out for --estimator gaussian");
@@ -178,6 +193,12 @@ impl Changes {
             bail!(
                 "--training: expected a plan with a decoder that is trained, such as --decoder network; leave it out for others"
             );
+        }
+        if self.test.is_some() && decoders.is_empty() {
+            bail!("--test: expected a plan with a decoder, such as --decoder linear; leave it out for others");
+        }
+        if self.sweeps.is_some() && !decoders.contains(&DecoderKind::Posterior) {
+            bail!("--sweeps: expected --decoder posterior; leave it out for others");
         }
         Ok(plan)
     }
@@ -188,7 +209,7 @@ impl Changes {
             plan = plan.quick();
         }
         plan.sets.extend(self.set.iter().cloned());
-        let estimators: Vec<_> = self.estimator.iter().map(|choice| choice.estimator()).collect();
+        let estimators: Vec<Estimator> = self.estimator.iter().map(|choice| choice.estimator()).collect();
         let axes = &mut plan.axes;
         axes.mask = or(&self.mask, std::mem::take(&mut axes.mask));
         axes.objects = or(&self.objects, std::mem::take(&mut axes.objects));
@@ -200,6 +221,10 @@ impl Changes {
         axes.seed = or(&self.seed, std::mem::take(&mut axes.seed));
         axes.field = or(&self.field, std::mem::take(&mut axes.field));
         axes.grid = or(&self.grid, std::mem::take(&mut axes.grid));
+        axes.decoder = or(&self.decoder, std::mem::take(&mut axes.decoder));
+        if self.training.is_some() || self.steps.is_some() || self.test.is_some() || self.sweeps.is_some() {
+            plan.reconstruction = plan.shared_reconstruction();
+        }
         let estimates = &mut plan.estimates;
         if let Some(BudgetChoice(budget)) = self.budget {
             (estimates.seconds, estimates.steps) = (Some(budget.as_secs_f64()), None);
@@ -210,7 +235,6 @@ impl Changes {
         if self.protocol == Some(ProtocolChoice::Default) {
             estimates.protocol = Protocol::Default;
         }
-        plan.reconstruction = self.decoder.map(ReconstructionSettings::of).or(plan.reconstruction);
         if let Some(reconstruction) = &mut plan.reconstruction {
             if let Some(BudgetChoice(training)) = self.training {
                 (reconstruction.training_seconds, reconstruction.training_steps) = (Some(training.as_secs_f64()), None);
@@ -218,6 +242,8 @@ impl Changes {
             if self.steps.is_some() {
                 (reconstruction.training_seconds, reconstruction.training_steps) = (None, self.steps);
             }
+            reconstruction.test_objects = self.test.unwrap_or(reconstruction.test_objects);
+            reconstruction.sweeps = self.sweeps.or(reconstruction.sweeps);
         }
         estimates.ideal_steps = self.ideal_steps.or(estimates.ideal_steps);
         estimates.patches_train = self.patches_train.unwrap_or(estimates.patches_train);

@@ -19,8 +19,8 @@ use crate::formats::{write_csv_text, write_safely};
 use crate::plural::counted;
 use crate::studies::StudyError;
 use crate::studies::plans::{
-    CSV_HEADER, CellRecord, CellSettings, CellState, Plan, PlanEvent, RunSummary, Shard, StudyFolder, StudyTable,
-    figure_of, run_cells, write_figure,
+    CORRELATION_HEADER, CSV_HEADER, CellRecord, CellSettings, CellState, Correlation, Plan, PlanEvent, RunSummary,
+    Shard, StudyFolder, StudyTable, figure_of, run_cells, write_figure,
 };
 
 /// Arguments of `study run`.
@@ -51,6 +51,8 @@ pub(super) struct RunArgs {
 struct Results<'a> {
     plan: &'a Plan,
     cells: Vec<&'a CellRecord>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    correlations: Vec<Correlation>,
     waiting: usize,
     failed: usize,
 }
@@ -72,6 +74,9 @@ impl RunArgs {
         };
         check_folder(out)?;
         let folder = StudyFolder::begin(plan, out)?;
+        if let Some(sentence) = folder.plan().left_out()? {
+            output::report(format_args!("{sentence}"));
+        }
         let Some(summary) = run_with_bar(&folder, shard)? else {
             // The scheduler or a person asked to stop, and the state is kept.
             output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
@@ -87,7 +92,11 @@ impl RunArgs {
                 write_figure(&figure, &out.join(name))?;
             }
         }
-        let printed = if self.json { print_json(&folder, &states) } else { output::print(&table.markdown()) };
+        let printed = if self.json {
+            print_json(&folder, &states, table.correlations())
+        } else {
+            output::print(&table.markdown())
+        };
         if summary.failed > 0 {
             return Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected an estimate in every cell, found {} of {} failed; run the same command to retry them",
@@ -101,11 +110,11 @@ impl RunArgs {
 }
 
 /// Prints plan and results as JSON.
-fn print_json(folder: &StudyFolder, states: &[CellState]) -> Result<(), Failure> {
+fn print_json(folder: &StudyFolder, states: &[CellState], correlations: Vec<Correlation>) -> Result<(), Failure> {
     let cells: Vec<&CellRecord> = states.iter().filter_map(CellState::done).collect();
     let failed = states.iter().filter(|state| state.failure().is_some()).count();
     let waiting = states.len() - cells.len() - failed;
-    output::print_json(&Results { plan: folder.plan(), cells, waiting, failed })
+    output::print_json(&Results { plan: folder.plan(), cells, correlations, waiting, failed })
 }
 
 /// Writes the table of a study into its folder, for people and for programs.
@@ -113,6 +122,11 @@ pub(super) fn write_table(table: &StudyTable<'_>, folder: &Path) -> anyhow::Resu
     let text = table.markdown();
     write_safely(&folder.join("table.md"), |writer| writer.write_all(text.as_bytes()))?;
     write_csv_text(&folder.join("table.csv"), &CSV_HEADER, table.csv_rows().into_iter())?;
+    let correlations = table.correlations();
+    if !correlations.is_empty() {
+        let rows = correlations.iter().map(Correlation::csv_row);
+        write_csv_text(&folder.join("correlations.csv"), &CORRELATION_HEADER, rows)?;
+    }
     Ok(())
 }
 
@@ -120,10 +134,11 @@ pub(super) fn write_table(table: &StudyTable<'_>, folder: &Path) -> anyhow::Resu
 fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
     let cells = plan.cells()?;
     let ids: Vec<String> = cells.iter().map(CellSettings::id).collect();
-    let ranks = Shard::ranks(&ids);
+    let ranks = Shard::ranks(&cells);
     let own: Vec<usize> = (0..cells.len()).filter(|&index| shard.holds(ranks[index])).collect();
-    let time: Duration = own.iter().map(|&index| plan.time_of(&cells[index])).sum();
+    let time: Duration = plan.times_of(own.iter().map(|&index| &cells[index])).iter().sum();
     let mut lines: Vec<String> = own.iter().map(|&index| format!("{}  {}", ids[index], cells[index].name())).collect();
+    lines.extend(plan.left_out()?);
     lines.push(format!("{}, about {} on one machine", counted(own.len(), "cell"), format_duration(time)));
     Ok(lines.join("\n"))
 }

@@ -1,9 +1,7 @@
-//! Studies: questions that are answered by many estimates. Plans cross masks, objects and settings to cells; a comparison scores masks on
-//! the same test patches; a study of decoders has image quality beside information. Cells are stored in a folder as they come, so that an
-//! interruption loses no finished cell.
+//! Studies: questions that are answered by many estimates. Plans cross masks, objects, settings and decoders to cells; a comparison scores
+//! masks on the same test patches. Cells are stored in a folder as they come, so that an interruption loses no finished cell.
 
 mod comparison;
-mod decoders;
 mod drawing;
 mod error;
 mod image_quality;
@@ -11,16 +9,13 @@ mod machine;
 mod markdown;
 pub mod plans;
 mod published;
+mod published_psnr;
 mod rank;
 
 pub(crate) use comparison::STUDY_RECORD;
 pub use comparison::{
     RankCorrelation, Study, StudyCell, StudyDesign, StudyEvent, StudyKind, StudyObjects, StudyRecord, StudySettings,
     StudyStep, StudySummary, WithinPublished,
-};
-pub use decoders::{
-    Correlation, DecoderStudy, DecoderStudyCell, DecoderStudyEvent, DecoderStudyRecord, DecoderStudySettings,
-    SensorInformation,
 };
 pub use error::StudyError;
 pub use machine::Machine;

@@ -159,7 +159,6 @@ fn what_cannot_be_reconstructed_is_refused() {
         ("reconstruct --sweeps 9", "expected --decoder posterior"),
         ("reconstruct --decoder network --engine burn:ndarray", "--engine: expected --decoder unet"),
         ("reconstruct --decoder unet --protocol paper --steps 1 --engine burn:cuda", "--features cuda"),
-        ("study decoders --objects idx:images.idx --decoders posterior --out s", "posterior, which is for beads"),
         ("reconstruct --decoder posterior --objects idx:images.idx", "expected beads"),
         ("reconstruct --measurement capture.npy", "--psf"),
         ("reconstruct --psf psf.npy", "--measurement"),

@@ -229,6 +229,10 @@ fn settings_that_cannot_be_computed_are_refused() {
         ("run grid --noise none --out out", "without noise"),
         ("run grid --training 5s --out out", "--decoder network"),
         ("run grid --decoder posterior --set mnist=idx:x --objects mnist --out out", "expected beads"),
+        ("run grid --decoder linear --sweeps 9 --out out", "--decoder posterior"),
+        ("run grid --test 9 --out out", "--decoder linear"),
+        ("run grid --decoder magic --out out", "richardson-lucy"),
+        ("decoders --lenslets 9 --out out", "study run decoders"),
         ("run grid --patches-test 0 --out out", "patches_test: expected 2"),
         ("run grid --patch 0 --out out", "patch \"0\""),
         ("run grid --photons 0 --out out", "mean_photons"),
@@ -251,19 +255,22 @@ fn settings_that_cannot_be_computed_are_refused() {
 #[test]
 fn information_and_decoders_stand_side_by_side() {
     let bench = Bench::new();
-    let line = "study decoders --lenslets 9 --decoders linear,posterior --test 3 --information 1s --out a";
-    let output = bench.run(format!("{line} --json").split_whitespace());
-    let told = text(&output.stderr);
-    assert!(told.contains("3 cells to go: fits take 1 s"), "{told}");
-    let record: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(cells(&record).len(), 3);
-    assert!(cells(&record)[0]["information"]["lower"].as_f64().unwrap() > 0.2, "{record}");
-    assert!(cells(&record)[2]["quality"]["psnr_db"].as_f64().unwrap() > 27.0, "{record}");
+    let few = "--estimator gaussian --patch 6 --patches-train 100 --patches-test 20 --test 3 --objects beads:0.02";
+    let line = format!(
+        "study run decoders {few} --mask heuristic:1 --mask heuristic:4 --mask heuristic:9 --decoder linear,tv --out a"
+    );
+    let record = bench.json(&line);
+    assert_eq!((cells(&record).len(), record["correlations"].as_array().unwrap().len()), (6, 3));
+    assert!(cells(&record)[0]["reconstruction"]["psnr_db"].as_f64().unwrap() > 20.0, "{record}");
+    assert!(cells(&record)[3]["estimate_of"].is_string() && cells(&record)[0]["estimate_of"].is_null(), "{record}");
     // Nothing is computed again, so the seconds are the same.
-    assert_eq!(bench.json(line), record);
-    for file in ["a/decoders.md", "a/decoders.csv", "a/decoders.svg"] {
+    assert_eq!(bench.json(&line), record);
+    for file in ["a/table.md", "a/table.csv", "a/correlations.csv", "a/plot.svg"] {
         assert!(!written(&bench, file).is_empty(), "{file}");
     }
-    let refused = bench.refused(&line.replace("--test 3", "--test 4"));
-    assert!(refused.contains("expected a study with test 4, found one with 3"), "{refused}");
+    bench.write("images.idx", "x");
+    let listed =
+        bench.done("study run decoders --set mnist=idx:images.idx --objects mnist --objects beads:0.02 --dry-run");
+    assert!(listed.contains("decoder posterior is for beads: 9 cells of mnist left out"), "{listed}");
+    assert!(listed.contains("63 cells"), "{listed}");
 }

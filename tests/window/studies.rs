@@ -27,6 +27,7 @@ fn write_plan(folder: &Path) -> PathBuf {
         panels: None,
         logarithmic: true,
         optima: true,
+        scatter: false,
     };
     let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
     let plan = Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) };

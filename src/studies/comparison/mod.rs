@@ -10,7 +10,6 @@ mod tables;
 pub use record::{StudyCell, StudyRecord};
 pub(crate) use run::RECORD as STUDY_RECORD;
 pub use run::{Study, StudyEvent, StudyStep};
-pub(in crate::studies) use settings::check_distinct;
 pub use settings::{StudyDesign, StudyKind, StudyObjects, StudySettings};
 pub use summary::{RankCorrelation, StudySummary, WithinPublished};
 

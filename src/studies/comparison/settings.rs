@@ -265,7 +265,7 @@ impl PlannedCell<'_> {
 }
 
 /// Refuses names that are missing or given twice.
-pub(in crate::studies) fn check_distinct(what: &'static str, names: Vec<String>) -> Result<(), StudyError> {
+fn check_distinct(what: &'static str, names: Vec<String>) -> Result<(), StudyError> {
     let mut seen = HashSet::new();
     let twice = names.iter().find(|name| !seen.insert(name.as_str())).map(|name| format!("{name} twice"));
     match twice.or_else(|| names.is_empty().then(|| "none".to_owned())) {

@@ -10,6 +10,7 @@ use super::cell::{CellSettings, StudyMask};
 use super::estimates::EstimateSettings;
 use super::reconstruction::ReconstructionSettings;
 use super::size::SizeChoice;
+use super::study_decoder::StudyDecoder;
 use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::{Noise, PatchSize};
@@ -41,13 +42,15 @@ pub enum Axis {
     Field,
     /// Side of the PSF grid.
     Grid,
+    /// The decoder.
+    Decoder,
     /// The mask.
     Mask,
 }
 
 impl Axis {
     /// All axes, from the slowest to the fastest in the order of the cells.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Objects,
         Self::Photons,
         Self::Background,
@@ -57,6 +60,7 @@ impl Axis {
         Self::Seed,
         Self::Field,
         Self::Grid,
+        Self::Decoder,
         Self::Mask,
     ];
 }
@@ -73,6 +77,7 @@ impl fmt::Display for Axis {
             Self::Seed => "seed",
             Self::Field => "field",
             Self::Grid => "grid",
+            Self::Decoder => "decoder",
             Self::Mask => "mask",
         })
     }
@@ -110,6 +115,9 @@ pub struct Axes {
     /// Sides of the PSF grid, pixels. Masks scale with it as by `--grid`.
     #[serde(default = "usual_size")]
     pub grid: Vec<SizeChoice>,
+    /// Decoders whose image quality the cells report. Without them, the plan's `reconstruction` has the only one, if any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub decoder: Vec<StudyDecoder>,
     /// Groups of axes that advance together instead of crossing. The axes of a group have equally many values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub zip: Vec<Vec<Axis>>,
@@ -157,6 +165,7 @@ impl Axes {
             seed: first_seed(),
             field: usual_size(),
             grid: usual_size(),
+            decoder: Vec::new(),
             zip: Vec::new(),
         }
     }
@@ -173,6 +182,7 @@ impl Axes {
             Axis::Seed => self.seed.len(),
             Axis::Field => self.field.len(),
             Axis::Grid => self.grid.len(),
+            Axis::Decoder => self.decoder.len().max(1),
             Axis::Mask => self.mask.len(),
         }
     }
@@ -192,12 +202,13 @@ impl Axes {
             Axis::Seed => texts(&self.seed),
             Axis::Field => texts(&self.field),
             Axis::Grid => texts(&self.grid),
+            Axis::Decoder => texts(&self.decoder),
             Axis::Mask => texts(&self.mask),
         }
     }
 
     /// The axes with every second value of those that have more than two, apart from those to `keep`. The first value and
-    /// designed masks stay.
+    /// designed masks stay, and all estimators and decoders.
     #[must_use]
     pub fn halved(&self, keep: &[Axis]) -> Self {
         fn half<T: Clone>(values: &[T], is_kept: bool) -> Vec<T> {
@@ -219,6 +230,7 @@ impl Axes {
             seed: half(&self.seed, kept(Axis::Seed)),
             field: half(&self.field, kept(Axis::Field)),
             grid: half(&self.grid, kept(Axis::Grid)),
+            decoder: self.decoder.clone(),
             zip: self.zip.clone(),
         }
     }
@@ -237,7 +249,7 @@ impl Axes {
         let refused = |what: String, expected: String, found: String| Err(StudyError::Plan { what, expected, found });
         for axis in Axis::ALL {
             let mut names = self.names_of(axis);
-            if names.is_empty() {
+            if self.len_of(axis) == 0 {
                 return refused(format!("axis {axis}"), "at least one value".into(), "none".into());
             }
             let is_zipped = self.zip.iter().any(|group| group.contains(&axis));
@@ -267,7 +279,7 @@ impl Axes {
         }
     }
 
-    /// All cells in their order: objects slowest, masks fastest.
+    /// All cells in their order: objects slowest, masks fastest. `reconstructions` has one entry for each value of the axis of decoders.
     ///
     /// # Errors
     /// Where an objects' name is none of `sets` and no source of objects.
@@ -275,7 +287,7 @@ impl Axes {
         &self,
         sets: &BTreeMap<String, ObjectSource>,
         estimates: &EstimateSettings,
-        reconstruction: Option<ReconstructionSettings>,
+        reconstructions: &[Option<ReconstructionSettings>],
     ) -> Result<Vec<CellSettings>, StudyError> {
         let sources: Vec<ObjectSource> =
             self.objects.iter().map(|name| source_of(name, sets)).collect::<Result<_, _>>()?;
@@ -310,7 +322,7 @@ impl Axes {
                 grid: self.grid[at(Axis::Grid)],
                 published_as: PublishedSet::named(&self.objects[at(Axis::Objects)]),
                 estimates: estimates.of(self.estimator[at(Axis::Estimator)]),
-                reconstruction,
+                reconstruction: reconstructions[at(Axis::Decoder)],
             });
             let Some(&next) = free.iter().rev().find(|&&axis| place[&axis] + 1 < self.len_of(axis)) else {
                 return Ok(cells);

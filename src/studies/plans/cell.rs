@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::estimates::EstimateSettings;
 use super::reconstruction::ReconstructionSettings;
 use super::size::SizeChoice;
+use super::study_decoder::StudyDecoder;
 use crate::evaluation::{DensityModel, EstimateRequest, EvaluationError, WeightsFiles};
 use crate::formats::{DocumentKind, content_key, json_of, text_form};
 use crate::forward::{Design, MaskError, MaskSource, OpenedMask, on_grid};
@@ -175,6 +176,21 @@ impl CellSettings {
         self.mask.source().mask(self.seed, &self.objects, self.grid.shape())
     }
 
+    /// Name of the cell's estimate: cells that differ in their reconstruction alone have the same one.
+    pub(super) fn estimate_id(&self) -> String {
+        Self { reconstruction: None, ..self.clone() }.id()
+    }
+
+    /// The decoder of the cell.
+    pub fn decoder(&self) -> StudyDecoder {
+        self.reconstruction.map(|settings| settings.decoder).into()
+    }
+
+    /// Whether the decoder of the cell, if any, fits its objects.
+    pub(super) fn decoder_fits(&self) -> bool {
+        self.reconstruction.is_none_or(|settings| settings.fits(&self.objects))
+    }
+
     /// The design of the cell, with the mask that `encoder` gives.
     pub fn design(&self, encoder: Encoder) -> Design {
         let usual = Design::default();
@@ -246,7 +262,7 @@ impl CellSettings {
         }
     }
 
-    /// Objects, mask, patch and estimator for people, and what is not as published.
+    /// Objects, mask, patch, estimator and decoder for people, and what is not as published.
     pub fn name(&self) -> String {
         let patch = self.patch.shape().map_or("sensor".into(), |(rows, cols)| format!("{rows} x {cols} px"));
         let usual = Design::default();
@@ -257,6 +273,7 @@ impl CellSettings {
             (self.seed != usual.seed).then(|| format!("seed {}", self.seed)),
             self.field.shape().map(|(rows, cols)| format!("field {rows} x {cols} px")),
             self.grid.shape().map(|(rows, cols)| format!("grid {rows} x {cols} px")),
+            self.reconstruction.map(|_| format!("decoder {}", self.decoder())),
         ];
         let parts = [self.objects.to_string(), self.mask.to_string(), patch, self.estimator.to_string()];
         parts.into_iter().chain(others.into_iter().flatten()).collect::<Vec<_>>().join(", ")
@@ -279,6 +296,9 @@ pub struct CellRecord {
     pub mask_fingerprint: String,
     /// The estimate; none where it failed.
     pub estimate: Option<Estimate>,
+    /// Id of the cell whose estimate this one has, where both differ in their reconstruction alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub estimate_of: Option<String>,
     /// Why it failed.
     pub failure: Option<String>,
     /// Sentences on how the files of mask and objects were understood, for people.

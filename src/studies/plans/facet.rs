@@ -42,6 +42,7 @@ impl Facet {
             Self::Axis(Axis::Seed) => cell.seed.to_string(),
             Self::Axis(Axis::Field) => cell.field.to_string(),
             Self::Axis(Axis::Grid) => cell.grid.to_string(),
+            Self::Axis(Axis::Decoder) => cell.decoder().to_string(),
             Self::Density => cell.density().map_or_else(|| cell.objects.to_string(), |density| density.to_string()),
             Self::Planes => planes(cell).to_string(),
         }
@@ -68,7 +69,7 @@ impl Facet {
             Self::Axis(Axis::Grid) => cell.grid.shape().map(side_of),
             Self::Axis(Axis::Seed) => Some(cell.seed as f64),
             Self::Planes => Some(planes(cell) as f64),
-            Self::Axis(Axis::Noise | Axis::Estimator) => None,
+            Self::Axis(Axis::Noise | Axis::Estimator | Axis::Decoder) => None,
         }
     }
 
@@ -86,6 +87,7 @@ impl Facet {
             Self::Axis(Axis::Seed) => "seed",
             Self::Axis(Axis::Field) => "side of the field, px",
             Self::Axis(Axis::Grid) => "side of the PSF grid, px",
+            Self::Axis(Axis::Decoder) => "decoder",
             Self::Planes => "depth planes",
         }
     }

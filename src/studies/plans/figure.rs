@@ -7,13 +7,14 @@ use super::cell::{CellSettings, StudyMask};
 use super::facet::Facet;
 use super::folder::CellState;
 use super::plan::{Plan, PlotSettings};
+use super::scatter::{name_of, panels_of, published_psnr};
 use crate::forward::MaskSource;
 use crate::information::Protocol;
-use crate::studies::decoders::published_psnr_db;
 use crate::studies::published::{Published, published};
 
 /// Place of whole measurements on an axis of patches: the side of the published ones, px. Those of other fields lie there as well.
 const SENSOR_SIDE: f64 = 65.0;
+const DECODER: Facet = Facet::Axis(Axis::Decoder);
 
 /// A figure: panels of lines that share their axes.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -30,6 +31,8 @@ pub struct Figure {
     pub logarithmic: bool,
     /// Whether optima are marked, and the sensor's Tamura coefficient is shown there.
     pub optima: bool,
+    /// Names of the points of a scatter plot, PSNR against information, by their cells; empty for lines.
+    pub point_names: Vec<String>,
     /// What distinguishes the lines.
     pub lines_label: String,
     /// The panels.
@@ -100,6 +103,8 @@ pub struct Point {
     pub cell: usize,
     /// Place on the x axis.
     pub x: f64,
+    /// 95 % interval of an x that was estimated.
+    pub x_interval_95: [f64; 2],
     /// The estimate, an upper bound, bits per pixel; or the PSNR, dB.
     pub value: f64,
     /// Its 95 % interval.
@@ -117,6 +122,11 @@ pub struct Point {
 }
 
 impl Figure {
+    /// Whether it is a scatter plot of PSNR against information.
+    pub fn is_scatter(&self) -> bool {
+        !self.point_names.is_empty()
+    }
+
     /// Whether the optima of a panel are marked.
     pub fn marks_optima(&self, panel: &Panel) -> bool {
         self.optima && panel.quantity == Quantity::Information
@@ -148,27 +158,62 @@ pub fn published_value(cell: &CellSettings) -> Option<Published> {
 
 /// The figure of the cells that are done.
 pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> Figure {
+    let lines: Vec<Facet> =
+        std::iter::once(plan.plot.lines).chain(others(plan, cells).into_iter().map(Facet::Axis)).collect();
+    let figure = Figure {
+        title: plan.title.clone(),
+        caption: caption(plan, cells),
+        lines_label: lines.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+        ..Figure::default()
+    };
+    if plan.plot.scatter {
+        let mut lines = lines;
+        if !lines.contains(&DECODER) && plan.plot.panels != Some(DECODER) {
+            lines.push(DECODER);
+        }
+        return Figure {
+            x_label: Quantity::Information.label().into(),
+            point_names: cells.iter().map(|cell| name_of(plan, cell)).collect(),
+            panels: panels_of(plan, cells, states, &lines),
+            ..figure
+        };
+    }
+    with_lines(figure, plan, cells, states, &lines)
+}
+
+/// The figure with lines along the x axis of the plan: information, and a panel for the PSNR of each decoder.
+fn with_lines(figure: Figure, plan: &Plan, cells: &[CellSettings], states: &[CellState], lines: &[Facet]) -> Figure {
     let roles = &plan.plot;
     let numbers: Option<Vec<f64>> = cells.iter().map(|cell| place_of(roles.x, cell)).collect();
     let is_numeric = numbers.is_some();
     let places = numbers.unwrap_or_else(|| numbered(cells.iter().map(|cell| plan.value(roles.x, cell))));
     let mut ticks: Vec<Tick> = Vec::new();
     let mut panels: Vec<Panel> = Vec::new();
-    let line_facets: Vec<Facet> =
-        std::iter::once(roles.lines).chain(others(plan, cells).into_iter().map(Facet::Axis)).collect();
+    let mut estimates: HashSet<(String, u64)> = HashSet::new();
+    let compares_decoders = [Some(roles.x), Some(roles.lines), roles.panels].contains(&Some(DECODER));
     for ((index, cell), &x) in cells.iter().enumerate().zip(&places) {
         if !ticks.iter().any(|tick| tick.x == x) {
             ticks.push(Tick { x, label: plan.value(roles.x, cell) });
         }
         let title = roles.panels.map_or(String::new(), |panels| format!("{panels} {}", plan.value(panels, cell)));
-        let names: Vec<String> = line_facets.iter().map(|&facet| plan.value(facet, cell)).collect();
-        let name = names.join(", ");
+        // Cells of one estimate have one point, which is of no decoder.
+        let name_by = |is_shown: &dyn Fn(&Facet) -> bool| -> String {
+            let names = lines.iter().filter(|facet| is_shown(facet)).map(|&facet| plan.value(facet, cell));
+            names.collect::<Vec<_>>().join(", ")
+        };
+        let name = Some(name_by(&|facet| *facet != DECODER)).filter(|name| !name.is_empty());
+        let name = name.unwrap_or_else(|| "all decoders".into());
         let line = line_of(&mut panels, Quantity::Information, &title, &name);
-        line.points.extend(point_of(index, x, cell, &states[index]));
+        if let Some(point) = point_of(index, x, cell, &states[index])
+            && estimates.insert((format!("{title} {}", cell.estimate_id()), x.to_bits()))
+        {
+            line.points.push(point);
+        }
         if let Some(settings) = cell.reconstruction {
-            let panel = [title, format!("PSNR by {}", settings.decoder)];
+            let by = if compares_decoders { String::new() } else { format!(" by {}", settings.decoder) };
+            let panel = [title, format!("PSNR{by}")];
             let panel = panel.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ");
-            let line = line_of(&mut panels, Quantity::Psnr, &panel, &name);
+            let line = line_of(&mut panels, Quantity::Psnr, &panel, &name_by(&|_| true));
             line.points.extend(psnr_of(index, x, cell, &states[index]));
         }
     }
@@ -178,18 +223,17 @@ pub fn figure_of(plan: &Plan, cells: &[CellSettings], states: &[CellState]) -> F
         line.points.sort_by(|one, other| one.x.total_cmp(&other.x));
     }
     Figure {
-        title: plan.title.clone(),
-        caption: caption(plan, cells),
         x_label: roles.x.label(is_numeric).into(),
         logarithmic: roles.logarithmic && is_numeric && ticks.iter().all(|tick| tick.x > 0.0),
         optima: roles.optima,
-        lines_label: line_facets.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
         panels,
         ticks,
+        ..figure
     }
 }
 
-/// Axes that no role determines. They distinguish lines as well, so that no line holds two points at one place.
+/// Axes that no role determines. They distinguish lines as well, so that no line holds two points at one place. Decoders without a role
+/// have panels of their own.
 fn others(plan: &Plan, cells: &[CellSettings]) -> Vec<Axis> {
     let PlotSettings { x, lines, panels, .. } = &plan.plot;
     let roles: Vec<Facet> = [*x, *lines].into_iter().chain(*panels).collect();
@@ -201,11 +245,12 @@ fn others(plan: &Plan, cells: &[CellSettings]) -> Vec<Axis> {
             values.entry(role).or_insert_with(|| value.clone()) != &value
         })
     };
-    Axis::ALL.into_iter().filter(|&axis| !roles.contains(&Facet::Axis(axis))).filter(is_open).collect()
+    let is_free = |axis: &Axis| *axis != Axis::Decoder && !roles.contains(&Facet::Axis(*axis));
+    Axis::ALL.into_iter().filter(is_free).filter(is_open).collect()
 }
 
 /// The line of a name in the panel of a quantity and a title; both are added where they are missing.
-fn line_of<'a>(panels: &'a mut Vec<Panel>, quantity: Quantity, title: &str, name: &str) -> &'a mut Series {
+pub(super) fn line_of<'a>(panels: &'a mut Vec<Panel>, quantity: Quantity, title: &str, name: &str) -> &'a mut Series {
     let place =
         panels.iter().position(|panel| panel.quantity == quantity && panel.title == title).unwrap_or_else(|| {
             panels.push(Panel { quantity, title: title.to_owned(), series: Vec::new() });
@@ -244,6 +289,7 @@ fn point_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opt
     Some(Point {
         cell: index,
         x,
+        x_interval_95: [x; 2],
         value: estimate.bits_per_pixel,
         interval_95: estimate.interval_95,
         upper: estimate.ceiling.map_or(estimate.bits_per_pixel, |ceiling| ceiling.min(estimate.bits_per_pixel)),
@@ -255,20 +301,14 @@ fn point_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Opt
 }
 
 /// The PSNR of a cell. Published values have the light of the paper protocol.
-fn psnr_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Option<Point> {
+pub(super) fn psnr_of(index: usize, x: f64, cell: &CellSettings, state: &CellState) -> Option<Point> {
     let record = state.done()?;
     let quality = record.reconstruction.as_ref()?;
-    let known = match &cell.mask {
-        StudyMask::Given(MaskSource::Heuristic(lenslets))
-            if cell.estimates.protocol == Protocol::Paper && cell.field.is_usual() && cell.grid.is_usual() =>
-        {
-            published_psnr_db(&cell.objects, cell.published_as, *lenslets)
-        }
-        _ => None,
-    };
+    let known = published_psnr(cell).filter(|_| cell.estimates.protocol == Protocol::Paper);
     Some(Point {
         cell: index,
         x,
+        x_interval_95: [x; 2],
         value: quality.psnr_db,
         interval_95: quality.psnr_db_interval_95,
         upper: quality.psnr_db,

@@ -130,9 +130,9 @@ impl StudyFolder {
         &self.ids
     }
 
-    /// Rank of each cell among all ids in their order, by which cells are dealt to tasks.
+    /// Rank of each cell, by which cells are dealt to tasks.
     pub fn ranks(&self) -> Vec<usize> {
-        Shard::ranks(&self.ids)
+        Shard::ranks(&self.cells)
     }
 
     /// File of a cell's result.

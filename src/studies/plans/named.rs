@@ -2,13 +2,18 @@
 
 use super::axes::{Axes, Axis};
 use super::cell::{Freedom, StudyMask};
+use super::estimates::EstimateSettings;
 use super::facet::Facet;
 use super::plan::{Plan, PlotSettings, QuickSettings};
 use super::reconstruction::ReconstructionSettings;
+use super::study_decoder::StudyDecoder;
 use crate::forward::MaskSource;
 use crate::information::Estimator;
+use crate::objects::ObjectSource;
 use crate::reconstruction::DecoderKind;
 use crate::sensor::{Noise, PatchSize};
+use crate::studies::error::StudyError;
+use crate::studies::published::PublishedSet;
 
 /// Bead densities of the published sweep.
 const DENSITIES: [&str; 24] = [
@@ -24,6 +29,9 @@ const SPARSE: [&str; 12] =
 const TRANSITION: [&str; 6] = ["0.005", "0.008", "0.013", "0.02", "0.03", "0.05"];
 /// Apertures of the published diffuser, pixels.
 const APERTURES: [usize; 5] = [32, 28, 16, 12, 8];
+/// Whole sensors of the fit and of the score of an estimate.
+const SENSORS_TRAIN: usize = 2_000;
+const SENSORS_TEST: usize = 300;
 /// Lenslets of a random start.
 const RANDOM: usize = 25;
 
@@ -37,7 +45,7 @@ pub struct NamedPlan {
 }
 
 fn lines(x: Facet, lines: Facet) -> PlotSettings {
-    PlotSettings { x, lines, panels: None, logarithmic: false, optima: false }
+    PlotSettings { x, lines, panels: None, logarithmic: false, optima: false, scatter: false }
 }
 
 /// A sweep over bead density: one line for each mask, its optimum, and the sensor's Tamura coefficient there.
@@ -106,6 +114,7 @@ pub fn named_plans() -> Vec<NamedPlan> {
             "Between which bounds does the information lie, over six bead densities and nine layouts?",
             sweep("bracket", "Lower and upper bounds against bead density", heuristic(1..=9), "beads", &TRANSITION),
         ),
+        named("Does the information of the whole sensor predict what decoders make of its measurements?", decoders()),
     ]
 }
 
@@ -113,6 +122,18 @@ impl NamedPlan {
     /// The plan of this name.
     pub fn find(name: &str) -> Option<Self> {
         named_plans().into_iter().find(|named| named.plan.name == name)
+    }
+
+    /// Number of cells, also while the published image sets have no files.
+    ///
+    /// # Errors
+    /// As [`Plan::cells`].
+    pub fn cell_count(&self) -> Result<usize, StudyError> {
+        let mut plan = self.plan.clone();
+        for name in plan.axes.objects.iter().filter(|name| PublishedSet::named(name).is_some()) {
+            plan.sets.insert(name.clone(), ObjectSource::Idx(name.into()));
+        }
+        Ok(plan.cells()?.len())
     }
 }
 
@@ -188,4 +209,30 @@ fn patches() -> Plan {
         lines(Facet::Axis(Axis::Patch), Facet::Axis(Axis::Mask)),
     );
     Plan { quick: QuickSettings { seconds: 20.0, ..QuickSettings::default() }, ..plan }
+}
+
+/// Information and image quality of the same measurements: one light, one background.
+fn decoders() -> Plan {
+    let objects = ["beads:0.02", "mnist", "cifar10", "fashion"].map(str::to_owned).into();
+    let kinds = [DecoderKind::Linear, DecoderKind::TotalVariation, DecoderKind::Posterior, DecoderKind::Network];
+    let axes = Axes {
+        patch: vec![PatchSize::Sensor],
+        // Lower bounds of beads rank masks without the looseness of a density model.
+        estimator: vec![Estimator::Bracket],
+        decoder: kinds.map(StudyDecoder::Kind).into(),
+        ..Axes::new(heuristic(1..=9), objects)
+    };
+    let plot = PlotSettings {
+        panels: Some(Facet::Axis(Axis::Objects)),
+        scatter: true,
+        ..lines(Facet::Axis(Axis::Mask), Facet::Axis(Axis::Decoder))
+    };
+    // Few whole sensors suffice: each has thousands of pixels.
+    let estimates = EstimateSettings {
+        seconds: Some(60.0),
+        patches_train: SENSORS_TRAIN,
+        patches_test: SENSORS_TEST,
+        ..EstimateSettings::default()
+    };
+    keeping_objects(Plan { estimates, ..Plan::new("decoders", "Information and decoders", axes, plot) })
 }

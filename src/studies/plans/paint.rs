@@ -1,5 +1,7 @@
 //! Drawing of a figure as SVG or PNG.
 
+mod scatter;
+
 use std::path::Path;
 
 use ndarray::Array3;
@@ -116,7 +118,11 @@ where
     let rows = figure.panels.len().div_ceil(columns(figure)).max(1);
     let (panels, below) = plots.split_vertically(PANEL.1 * rows as u32 * scale);
     for (area, panel) in panels.split_evenly((rows, columns(figure))).iter().zip(&figure.panels) {
-        painter.panel(area, panel)?;
+        if figure.is_scatter() {
+            painter.scatter(area, panel)?;
+        } else {
+            painter.panel(area, panel)?;
+        }
     }
     if figure.optima {
         painter.tamura(&below)?;
@@ -157,8 +163,13 @@ impl Painter<'_> {
         top += self.px(ENTRY);
         let middle = |top: i32| top + self.px(6);
         for name in &self.names {
-            let style = self.colour(name).stroke_width(2 * self.scale);
-            area.draw(&PathElement::new([(left, middle(top)), (left + self.px(26), middle(top))], style))?;
+            let colour = self.colour(name);
+            if self.figure.is_scatter() {
+                area.draw(&Circle::new((left + self.px(13), middle(top)), self.px(4), colour.filled()))?;
+            } else {
+                let line = [(left, middle(top)), (left + self.px(26), middle(top))];
+                area.draw(&PathElement::new(line, colour.stroke_width(2 * self.scale)))?;
+            }
             area.draw(&Text::new((*name).to_owned(), (text, top), self.font(12)))?;
             top += self.px(ENTRY);
         }

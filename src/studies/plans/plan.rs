@@ -1,6 +1,6 @@
 //! A plan and its TOML file.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 use std::time::Duration;
 
@@ -10,11 +10,14 @@ use super::axes::{Axes, Axis};
 use super::cell::CellSettings;
 use super::estimates::EstimateSettings;
 use super::facet::Facet;
+use super::figure::distinct;
 use super::ideal_settings::time_of_design;
 use super::reconstruction::ReconstructionSettings;
 use crate::formats::{FormatError, write_safely};
 use crate::information::{Estimator, Protocol};
 use crate::objects::ObjectSource;
+use crate::plural::counted;
+use crate::reconstruction::DecoderKind;
 use crate::studies::error::StudyError;
 
 /// Value of the entry `format` of a plan file.
@@ -46,7 +49,7 @@ pub struct Plan {
     /// Settings of the estimates.
     #[serde(default)]
     pub estimates: EstimateSettings,
-    /// The decoder whose image quality every cell reports, if any.
+    /// The decoder whose image quality every cell reports, if any, and settings of its test. The axis of decoders replaces the decoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reconstruction: Option<ReconstructionSettings>,
     /// The plot.
@@ -73,6 +76,9 @@ pub struct PlotSettings {
     /// Whether each line's largest value gets a star, and a second panel shows the sensor's Tamura coefficient there.
     #[serde(default)]
     pub optima: bool,
+    /// Whether PSNR is drawn against information, with a point for each cell that has a decoder. `x` then names the points.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub scatter: bool,
 }
 
 /// Settings of a first look: every second value of each axis, and less time.
@@ -190,7 +196,7 @@ impl Plan {
         Self {
             axes: self.axes.halved(&self.quick.keep),
             estimates,
-            reconstruction: self.reconstruction.map(|settings| settings.complete().within(self.quick.seconds)),
+            reconstruction: self.shared_reconstruction().map(|settings| settings.within(self.quick.seconds)),
             title: format!("{} (quick)", self.title),
             ..self.clone()
         }
@@ -223,30 +229,87 @@ impl Plan {
         facet.value(&self.sets, cell)
     }
 
-    /// The cells, in the order of tables: by objects first, by masks last.
+    /// The decoders: those of the axis, or the one of the reconstruction.
+    pub fn decoders(&self) -> Vec<DecoderKind> {
+        if self.axes.decoder.is_empty() {
+            return self.reconstruction.iter().map(|settings| settings.decoder).collect();
+        }
+        self.axes.decoder.iter().filter_map(|decoder| decoder.kind()).collect()
+    }
+
+    /// Settings that all decoders share; none without decoders. Their decoder is one that is trained, where there is one.
+    pub fn shared_reconstruction(&self) -> Option<ReconstructionSettings> {
+        let kinds = self.decoders();
+        let decoder = *kinds.iter().find(|kind| kind.needs().training).or(kinds.first())?;
+        let usual = ReconstructionSettings::of(decoder);
+        Some(ReconstructionSettings { decoder, ..self.reconstruction.unwrap_or(usual) })
+    }
+
+    fn of_decoder(&self, decoder: DecoderKind) -> ReconstructionSettings {
+        let usual = ReconstructionSettings::of(decoder);
+        ReconstructionSettings { decoder, ..self.reconstruction.unwrap_or(usual) }.complete()
+    }
+
+    /// The cells, in the order of tables: by objects first, by masks last. Cells whose decoder does not fit their objects are left out.
     ///
     /// # Errors
-    /// [`StudyError`] names the first setting that cannot be computed.
+    /// [`StudyError`] names the first setting that cannot be computed, and objects that no decoder of the plan fits.
     pub fn cells(&self) -> Result<Vec<CellSettings>, StudyError> {
-        self.axes.check()?;
-        self.estimates.check()?;
-        let reconstruction = self.reconstruction.map(ReconstructionSettings::complete);
-        let cells = self.axes.expand(&self.sets, &self.estimates, reconstruction)?;
+        let (cells, left_out) = self.crossed()?;
+        for cell in &left_out {
+            if !cells.iter().any(|other| other.objects == cell.objects) {
+                cell.check()?;
+            }
+        }
         for cell in &cells {
             cell.check()?;
         }
         Ok(cells)
     }
 
-    /// Estimated time of a cell: that of its optimizer run, its fits and training, and of what surrounds them.
-    pub fn time_of(&self, cell: &CellSettings) -> Duration {
+    /// One sentence on the cells that are left out, as their decoder does not fit their objects; none where all fit.
+    ///
+    /// # Errors
+    /// As [`Plan::cells`].
+    pub fn left_out(&self) -> Result<Option<String>, StudyError> {
+        let (_, cells) = self.crossed()?;
+        let objects = distinct(cells.iter().map(|cell| self.value(Facet::Axis(Axis::Objects), cell))).join(", ");
+        let sentence = |cell: &CellSettings| {
+            format!("decoder {} is for beads: {} of {objects} left out", cell.decoder(), counted(cells.len(), "cell"))
+        };
+        Ok(cells.first().map(sentence))
+    }
+
+    /// The cells whose decoder fits their objects, and the others.
+    fn crossed(&self) -> Result<(Vec<CellSettings>, Vec<CellSettings>), StudyError> {
+        self.axes.check()?;
+        self.estimates.check()?;
+        let of_axis = self.axes.decoder.iter().map(|decoder| decoder.kind().map(|kind| self.of_decoder(kind)));
+        let reconstructions: Vec<_> = if self.axes.decoder.is_empty() {
+            vec![self.reconstruction.map(ReconstructionSettings::complete)]
+        } else {
+            of_axis.collect()
+        };
+        let cells = self.axes.expand(&self.sets, &self.estimates, &reconstructions)?;
+        Ok(cells.into_iter().partition(CellSettings::decoder_fits))
+    }
+
+    /// Estimated times of cells that are computed one after another. The first cell of an estimate has its time; the others share it.
+    pub fn times_of<'a>(&self, cells: impl IntoIterator<Item = &'a CellSettings>) -> Vec<Duration> {
+        let mut estimates = HashSet::new();
+        cells.into_iter().map(|cell| self.time_of(cell, estimates.insert(cell.estimate_id()))).collect()
+    }
+
+    /// Estimated time of a cell: that of its optimizer run and its fits, unless another cell has the same, of its training, and of what
+    /// surrounds them.
+    pub(super) fn time_of(&self, cell: &CellSettings, with_estimate: bool) -> Duration {
+        let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
+        let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or_default();
+        if !with_estimate {
+            return training + AROUND_FITS;
+        }
         let fits = cell.estimates.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let trials = if cell.estimator == Estimator::Bracket { 1 } else { cell.estimates.trials as u32 };
-        let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
-        let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        fits.unwrap_or_default().saturating_mul(trials)
-            + training.unwrap_or_default()
-            + time_of_design(cell)
-            + AROUND_FITS
+        fits.unwrap_or_default().saturating_mul(trials) + training + time_of_design(cell) + AROUND_FITS
     }
 }

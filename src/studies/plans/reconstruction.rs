@@ -28,6 +28,9 @@ pub struct ReconstructionSettings {
     /// Steps of the training in place of a time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_steps: Option<usize>,
+    /// Sweeps of the Markov chains that refine the posterior mean; without them, the trained decoder alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweeps: Option<usize>,
 }
 
 fn usual_objects() -> usize {
@@ -37,23 +40,27 @@ fn usual_objects() -> usize {
 impl ReconstructionSettings {
     /// A decoder with the usual test and training.
     pub fn of(decoder: DecoderKind) -> Self {
-        Self { decoder, test_objects: usual_objects(), training_seconds: None, training_steps: None }.complete()
+        let test_objects = usual_objects();
+        Self { decoder, test_objects, training_seconds: None, training_steps: None, sweeps: None }.complete()
     }
 
-    /// The settings of a cell: with the usual time of training, and without one for a decoder that is not trained.
+    /// The settings of a cell: with the usual time of training, and without those that its decoder does not have.
     pub(super) fn complete(self) -> Self {
         let is_trained = self.decoder.needs().training;
         let usual = if self.training_steps.is_some() { None } else { Some(TRAINING_SECONDS) };
         Self {
             training_seconds: self.training_seconds.or(usual).filter(|_| is_trained),
             training_steps: self.training_steps.filter(|_| is_trained),
+            sweeps: self.sweeps.filter(|_| self.decoder == DecoderKind::Posterior),
             ..self
         }
     }
 
     /// The settings with at most `seconds` of training.
     pub(super) fn within(self, seconds: f64) -> Self {
-        Self { training_seconds: self.training_seconds.map(|own| own.min(seconds)), ..self }
+        let is_timed = self.decoder.needs().training && self.training_steps.is_none();
+        let own = is_timed.then(|| self.training_seconds.unwrap_or(TRAINING_SECONDS).min(seconds));
+        Self { training_seconds: own.or(self.training_seconds), ..self }
     }
 
     pub(super) fn request(&self, protocol: Protocol, seed: u64) -> QualityRequest {
@@ -62,10 +69,15 @@ impl ReconstructionSettings {
             kind: self.decoder,
             protocol,
             training: self.training_steps.map_or(seconds, TrainingBudget::Steps),
-            sweeps: None,
+            sweeps: self.sweeps,
             test_objects: self.test_objects,
             seed,
         }
+    }
+
+    /// Whether the decoder can reconstruct these objects.
+    pub(super) fn fits(&self, objects: &ObjectSource) -> bool {
+        self.decoder != DecoderKind::Posterior || objects.is_beads()
     }
 
     /// Refuses settings that cannot be computed for these objects.
@@ -82,8 +94,9 @@ impl ReconstructionSettings {
         check_ranges([
             ("training_steps", self.training_steps.unwrap_or(1), 1..=10_000_000),
             ("test_objects", self.test_objects, 2..=1_000_000),
+            ("sweeps", self.sweeps.unwrap_or(1), 1..=1_000_000),
         ])?;
-        if self.decoder == DecoderKind::Posterior && !objects.is_beads() {
+        if !self.fits(objects) {
             return refused("decoder posterior", "beads", objects.to_string());
         }
         Ok(())

@@ -8,6 +8,7 @@ use super::cell::{CellRecord, CellSettings, StudyMask};
 use super::folder::{CellState, StudyFolder};
 use super::ideal::designed;
 use super::shard::Shard;
+use super::shared::{SharedEstimate, SharedEstimates};
 use crate::evaluation::estimation::estimate_on_patches;
 use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::{FormatError, content_key, json_of, lock_name, remove_if_there};
@@ -84,12 +85,15 @@ pub fn run_cells(
     let ranks = folder.ranks();
     let own: Vec<usize> = (0..ranks.len()).filter(|&index| shard.holds(ranks[index])).collect();
     let mut todo = Vec::new();
+    let mut shared = SharedEstimates::default();
     for &index in &own {
         let is_done = match folder.state(index)? {
             CellState::Done(record) => prints.agree(&record),
             _ => false,
         };
-        if !is_done {
+        if is_done {
+            shared.note(index, &folder.cells()[index]);
+        } else {
             todo.push(index);
         }
     }
@@ -97,27 +101,31 @@ pub fn run_cells(
     let mut summary = RunSummary { cells: own.len(), before: own.len() - cells, failed: 0 };
     let machine = Machine::here();
     let mut clock = Clock::default();
-    let planned = |index: usize| folder.plan().time_of(&folder.cells()[index]);
-    let mut planned_later: Duration = todo.iter().map(|&index| planned(index)).sum();
-    for (done, &index) in todo.iter().enumerate() {
+    let planned = folder.plan().times_of(todo.iter().map(|&index| &folder.cells()[index]));
+    let mut planned_later: Duration = planned.iter().sum();
+    for (done, (&index, &planned)) in todo.iter().zip(&planned).enumerate() {
         let cell = &folder.cells()[index];
-        planned_later = planned_later.saturating_sub(planned(index));
-        let (expected, later) = (clock.expect(planned(index)), clock.expect(planned_later));
+        planned_later = planned_later.saturating_sub(planned);
+        let (expected, later) = (clock.expect(planned), clock.expect(planned_later));
+        let finished = shared.of(folder, cell)?;
         let start = Instant::now();
         let mut report = |step: &str| {
             let left = later + expected.saturating_sub(start.elapsed());
             progress.report(&PlanEvent::Step { index, number: done + 1, cells, cell, step, left })
         };
-        let result = match compute(folder, index, &mut report) {
+        let result = match compute(folder, index, finished, &mut report) {
             Err(CellError::Stopped) => return Err(StudyError::Cancelled),
             Err(CellError::Disk(error)) => return Err(error.into()),
             Err(CellError::Failed(sentence)) => Err(sentence),
             Ok(computed) => Ok(computed),
         };
         let record = record_of(cell, result, start.elapsed(), machine.clone());
-        clock.add(planned(index), start.elapsed());
+        clock.add(planned, start.elapsed());
         summary.failed += usize::from(record.estimate.is_none());
         folder.put(index, &record)?;
+        if record.estimate.is_some() {
+            shared.note(index, cell);
+        }
         let request = EstimateRequest { keep: Some(folder.state_file(index)), ..cell.request() };
         request.end_kept();
         remove_if_there(&folder.design_state_file(index))?;
@@ -152,10 +160,17 @@ impl Clock {
 /// What a cell gives.
 struct Computed {
     encoder: Encoder,
+    measured: Measured,
+    /// Id of the cell that the estimate was taken from.
+    estimate_of: Option<String>,
+    reconstruction: Option<DecoderQuality>,
+}
+
+/// What cells share that differ in their reconstruction alone.
+struct Measured {
     estimate: Estimate,
     test_patches: TestPatches,
     sensor_tamura: Option<TamuraSummary>,
-    reconstruction: Option<DecoderQuality>,
     notices: Vec<String>,
 }
 
@@ -163,7 +178,7 @@ struct Computed {
 pub(super) enum CellError {
     /// The run was stopped.
     Stopped,
-    /// A file of the folder cannot be written; the other cells would fail as well.
+    /// A file of the folder cannot be read or written; the other cells would fail as well.
     Disk(FormatError),
     /// The cell itself.
     Failed(String),
@@ -190,9 +205,13 @@ impl From<FormatError> for CellError {
 fn compute(
     folder: &StudyFolder,
     index: usize,
+    finished: Option<SharedEstimate>,
     report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
 ) -> Result<Computed, CellError> {
     let cell = &folder.cells()[index];
+    if let Some(finished) = &finished {
+        finished.copy_design(folder, index)?;
+    }
     let opened = cell.open_mask()?;
     let start = opened.encoder;
     let encoder = match &cell.mask {
@@ -200,19 +219,41 @@ fn compute(
         StudyMask::Ideal { freedom, .. } => designed(folder, index, *freedom, cell.design(start), report)?,
     };
     let design = cell.design(encoder);
-    let model = ForwardModel::open(&design).map_err(EvaluationError::from)?;
-    let sensor_tamura = tamura_of(&model, &design)?;
-    let of_objects = notices_of(&design, &model.set).map_err(EvaluationError::from)?;
-    let notices = opened.notices.into_iter().chain(of_objects).collect();
+    let estimate_of = finished.as_ref().map(|finished| finished.id(folder));
+    let measured = match finished.and_then(|finished| Measured::of(*finished.record)) {
+        Some(measured) => measured,
+        None => measured(folder, index, &design, opened.notices, report)?,
+    };
+    let reconstruction = quality(cell, &design, report)?;
+    Ok(Computed { encoder: design.encoder, measured, estimate_of, reconstruction })
+}
+
+impl Measured {
+    fn of(record: CellRecord) -> Option<Self> {
+        let CellRecord { estimate, test_patches, sensor_tamura, notices, .. } = record;
+        Some(Self { estimate: estimate?, test_patches, sensor_tamura, notices })
+    }
+}
+
+fn measured(
+    folder: &StudyFolder,
+    index: usize,
+    design: &Design,
+    of_mask: Vec<String>,
+    report: &mut (dyn FnMut(&str) -> ControlFlow<()> + Send),
+) -> Result<Measured, CellError> {
+    let model = ForwardModel::open(design).map_err(EvaluationError::from)?;
+    let sensor_tamura = tamura_of(&model, design)?;
+    let of_objects = notices_of(design, &model.set).map_err(EvaluationError::from)?;
+    let notices = of_mask.into_iter().chain(of_objects).collect();
     // Where another process computes the same cell, this one keeps no state. Both results are the same, and one replaces the other.
     let state = folder.state_file(index);
     let lock = lock_name(&state, &state.with_extension("lock"));
     let keep = lock.is_ok().then_some(state);
-    let request = EstimateRequest { keep, ..cell.request() };
+    let request = EstimateRequest { keep, ..folder.cells()[index].request() };
     let (estimate, test_patches) =
-        estimate_on_patches(&design, &request, &mut |step: &EstimateProgress| report(&step.step))?;
-    let reconstruction = quality(cell, &design, report)?;
-    Ok(Computed { encoder: design.encoder, estimate, test_patches, sensor_tamura, reconstruction, notices })
+        estimate_on_patches(design, &request, &mut |step: &EstimateProgress| report(&step.step))?;
+    Ok(Measured { estimate, test_patches, sensor_tamura, notices })
 }
 
 /// The image quality of the plan's decoder, where the plan has one.
@@ -249,6 +290,7 @@ fn record_of(cell: &CellSettings, result: Result<Computed, String>, time: Durati
         encoder: cell.mask.to_string(),
         mask_fingerprint: String::new(),
         estimate: None,
+        estimate_of: None,
         failure: Some(sentence),
         sensor_tamura: None,
         reconstruction: None,
@@ -259,19 +301,20 @@ fn record_of(cell: &CellSettings, result: Result<Computed, String>, time: Durati
     };
     match result {
         Err(sentence) => failed(sentence),
-        Ok(computed) if !computed.estimate.is_finite() => {
+        Ok(computed) if !computed.measured.estimate.is_finite() => {
             failed("the estimate is not a finite number; give the fit more time".into())
         }
-        Ok(Computed { encoder, estimate, test_patches, sensor_tamura, reconstruction, notices }) => CellRecord {
+        Ok(Computed { encoder, measured, estimate_of, reconstruction }) => CellRecord {
             lenslets: encoder.lenslets().map(|array| array.lenslets.len()),
             encoder: encoder.describe(),
             mask_fingerprint: content_key(&json_of(&encoder)),
-            estimate: Some(estimate),
+            estimate: Some(measured.estimate),
+            estimate_of,
             failure: None,
-            sensor_tamura,
+            sensor_tamura: measured.sensor_tamura,
             reconstruction,
-            notices,
-            test_patches,
+            notices: measured.notices,
+            test_patches: measured.test_patches,
             ..failed(String::new())
         },
     }

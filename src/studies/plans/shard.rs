@@ -1,7 +1,10 @@
 //! The share of a plan's cells that one task of a job array computes.
 
+use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
+
+use super::cell::CellSettings;
 
 /// Task `index` of `count`. Cells are dealt in the order of their ids, so the share does not depend on what is done already.
 ///
@@ -28,18 +31,23 @@ impl Default for Shard {
 }
 
 impl Shard {
-    /// Rank of each id among all in their order.
-    pub fn ranks(ids: &[String]) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..ids.len()).collect();
-        order.sort_by_key(|&cell| &ids[cell]);
-        let mut ranks = vec![0; order.len()];
-        for (rank, &cell) in order.iter().enumerate() {
-            ranks[cell] = rank;
+    /// Rank of each cell, by which cells are dealt to tasks: the order of their ids. Cells that differ in their reconstruction alone have
+    /// the rank of the first of them, so that one task computes their estimate once.
+    pub fn ranks(cells: &[CellSettings]) -> Vec<usize> {
+        let named: Vec<(String, String)> = cells.iter().map(|cell| (cell.estimate_id(), cell.id())).collect();
+        let mut first: HashMap<&str, &str> = HashMap::new();
+        for (estimate, id) in &named {
+            let least = first.entry(estimate).or_insert(id);
+            *least = (*least).min(id);
         }
-        ranks
+        let mut order: Vec<(&str, &str)> = first.into_iter().collect();
+        order.sort_by_key(|&(_, id)| id);
+        let ranks: HashMap<&str, usize> =
+            order.into_iter().enumerate().map(|(rank, (estimate, _))| (estimate, rank)).collect();
+        named.iter().map(|(estimate, _)| ranks[estimate.as_str()]).collect()
     }
 
-    /// Whether the cell of this rank, among all ids in their order, belongs to the task.
+    /// Whether the cells of this rank belong to the task.
     pub fn holds(self, rank: usize) -> bool {
         rank % self.count == self.index
     }

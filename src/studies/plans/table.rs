@@ -4,10 +4,12 @@ use std::collections::HashMap;
 
 use super::axes::Axis;
 use super::cell::{CellRecord, CellSettings};
+use super::correlation::{Correlation, correlations, published_patch};
 use super::facet::Facet;
 use super::figure::{caption, distinct, figure_of, published_value};
 use super::folder::{CellState, StudyFolder};
 use super::plan::Plan;
+use super::scatter::published_psnr;
 use crate::information::{self, Estimate, PairedDifference};
 use crate::plural::counted;
 use crate::reconstruction::DecoderQuality;
@@ -25,6 +27,9 @@ impl<'a> Column<'a> {
         Self { name: name.into(), text: Box::new(text) }
     }
 }
+
+/// A published value of a cell, where there is one.
+type Value = fn(&CellSettings) -> Option<f64>;
 
 /// A row: one cell.
 struct Row<'a> {
@@ -60,7 +65,7 @@ const FEWEST_RANKED: usize = 3;
 
 /// Header of the table for programs. Times and machines are left out, so that equal studies have equal tables; they are in the files of
 /// the cells.
-pub const CSV_HEADER: [&str; 30] = [
+pub const CSV_HEADER: [&str; 31] = [
     "id",
     "objects",
     "mask",
@@ -90,6 +95,7 @@ pub const CSV_HEADER: [&str; 30] = [
     "psnr_db",
     "psnr_low_95",
     "psnr_high_95",
+    "published_psnr_db",
     "failure",
 ];
 
@@ -130,8 +136,15 @@ impl<'a> StudyTable<'a> {
         lines.extend(self.rows.iter().map(|of_cell| row(columns.iter().map(|column| (column.text)(of_cell)))));
         lines.push(String::new());
         lines.extend(self.summary().into_iter().map(|sentence| format!("- {sentence}")));
+        lines.extend(rank_table(&self.correlations()));
         lines.push(String::new());
         lines.join("\n")
+    }
+
+    /// Correlations of PSNR and information, of a study whose plot shows them.
+    pub fn correlations(&self) -> Vec<Correlation> {
+        let plan = self.folder.plan();
+        if plan.plot.scatter { correlations(plan, self.folder.cells(), self.states) } else { Vec::new() }
     }
 
     /// One sentence for each result, for people.
@@ -160,6 +173,7 @@ impl<'a> StudyTable<'a> {
             }
         }
         lines.extend(beside_published(plan, &self.rows));
+        lines.extend(plan.left_out().ok().flatten());
         let failures = cells.iter().zip(states).filter_map(|(cell, state)| Some((cell, state.failure()?)));
         lines.extend(failures.map(|(cell, failure)| format!("failed: {}: {failure}", cell.name())));
         let records = || states.iter().filter_map(CellState::done);
@@ -203,11 +217,44 @@ impl<'a> StudyTable<'a> {
                 })
             }));
         }
+        if plan.plot.scatter {
+            let columns_of =
+                [("published, 32 x 32 px", published_patch as Value), ("published PSNR, dB", published_psnr)];
+            for (name, value) in
+                columns_of.into_iter().filter(|(_, value)| cells.iter().any(|cell| value(cell).is_some()))
+            {
+                columns.push(Column::new(name, move |row| short(value(row.cell))));
+            }
+        }
         columns.push(Column::new("sensor Tamura", |row| {
             row.tamura().map_or(NOTHING.into(), |tamura| format!("{tamura:.3}"))
         }));
         columns
     }
+}
+
+/// The table of correlations for people; nothing without any.
+fn rank_table(correlations: &[Correlation]) -> Vec<String> {
+    if correlations.is_empty() {
+        return Vec::new();
+    }
+    let names = ["objects", "decoder", "masks", "Spearman", "Pearson", "Spearman, published", "Pearson, published"];
+    let mut lines = vec![
+        String::new(),
+        "Correlations of PSNR with information, and with the published information of patches of 32 x 32 px:".into(),
+        String::new(),
+    ];
+    lines.extend(header(names.into_iter()));
+    lines.extend(correlations.iter().map(|found| {
+        let texts = [found.cells.clone(), found.decoder.clone(), found.masks.to_string()];
+        row(texts.into_iter().chain(found.numbers().map(short)))
+    }));
+    lines
+}
+
+/// A value with two decimals, where there is one.
+fn short(value: Option<f64>) -> String {
+    value.map_or(NOTHING.into(), |value| format!("{value:.2}"))
 }
 
 /// First mask less another one, by the density model on the same test patches. A density model above the entropy bound is loose, and so
@@ -261,6 +308,7 @@ fn csv_row(plan: &Plan, row: &Row<'_>, id: &str) -> Vec<String> {
         number(row.quality().map(|quality| quality.psnr_db)),
         number(row.quality().map(|quality| quality.psnr_db_interval_95[0])),
         number(row.quality().map(|quality| quality.psnr_db_interval_95[1])),
+        number(row.quality().and_then(|_| published_psnr(row.cell))),
         row.state.failure().unwrap_or_default().to_owned(),
     ]
 }

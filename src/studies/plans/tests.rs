@@ -26,7 +26,7 @@ use crate::sensor::PatchSize;
 use crate::studies::error::StudyError;
 
 /// Two layouts before beads of two densities.
-fn small() -> Plan {
+pub(super) fn small() -> Plan {
     let mask = vec![StudyMask::heuristic(1), StudyMask::heuristic(4)];
     let axes = Axes {
         patch: vec![PatchSize::Shape(6, 6)],
@@ -39,19 +39,20 @@ fn small() -> Plan {
         panels: None,
         logarithmic: true,
         optima: true,
+        scatter: false,
     };
     let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
     Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) }
 }
 
 /// Runs a share of a plan; returns the number of computed cells.
-fn computed(folder: &StudyFolder, shard: Shard) -> usize {
+pub(super) fn computed(folder: &StudyFolder, shard: Shard) -> usize {
     let summary = run_cells(folder, shard, &mut CancelToken::new()).unwrap();
     assert_eq!(summary.failed, 0);
     summary.cells - summary.before
 }
 
-fn begun(plan: Plan, path: &Path) -> StudyFolder {
+pub(super) fn begun(plan: Plan, path: &Path) -> StudyFolder {
     StudyFolder::begin(plan, path).unwrap()
 }
 
@@ -59,7 +60,7 @@ fn rows(folder: &StudyFolder) -> Vec<Vec<String>> {
     StudyTable::new(folder, &folder.states().unwrap()).csv_rows()
 }
 
-fn sentence<T>(result: Result<T, StudyError>) -> String {
+pub(super) fn sentence<T>(result: Result<T, StudyError>) -> String {
     result.err().unwrap().to_string()
 }
 
@@ -73,7 +74,7 @@ fn named_plans_are_read_from_their_files_again() {
             plan.sets.insert(name.into(), ObjectSource::Idx("a.idx".into()));
         }
         let cells = plan.cells().unwrap();
-        assert_eq!(Some(cells.len()), plan.axes.size());
+        assert!(Some(cells.len()) == plan.axes.size() || plan.left_out().unwrap().is_some());
         let mut ids: Vec<String> = cells.iter().map(CellSettings::id).collect();
         ids.sort();
         ids.dedup();
@@ -354,7 +355,8 @@ fn image_quality_has_panels_of_its_own() {
     let text = svg(&figure).unwrap();
     assert!(text.contains("PSNR by Linear MMSE") && text.contains("PSNR, dB"), "{text}");
     let row = &rows(&folder)[1];
-    let (decoder, psnr_db) = (row[CSV_HEADER.len() - 5].as_str(), row[CSV_HEADER.len() - 4].as_str());
+    let column = |name: &str| row[CSV_HEADER.iter().position(|known| *known == name).unwrap()].as_str();
+    let (decoder, psnr_db) = (column("decoder"), column("psnr_db"));
     assert_eq!((decoder, psnr_db.parse()), ("Linear MMSE", Ok(psnr.series[1].points[0].value)));
 }
 

@@ -118,6 +118,9 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
     let failures = if failed > 0 { format!(", {failed} failed") } else { String::new() };
     let left = study.left.map_or(String::new(), |left| format!(", {} left", format_duration(left)));
     ui.label(RichText::new(format!("{done} of {} done{failures}{left}", counted(all, "cell"))).size(TEXT));
+    if let Some(sentence) = &open.left_out {
+        ui.add(egui::Label::new(RichText::new(sentence).size(TEXT).weak()).truncate()).on_hover_text(sentence);
+    }
     if let Some(index) = study.running {
         let text = format!("{}: {}", open.folder.cells()[index].name(), study.step);
         ui.add(egui::Label::new(RichText::new(text).size(TEXT).weak()).truncate());
@@ -153,7 +156,8 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
                 false,
                 "Plot",
                 "Show study plot",
-                "Lines: estimates. Dashed: lower bounds. Circles: published values. Stars: optima. A click opens a design",
+                "Lines: estimates. Dashed: lower bounds. Circles: published values. Stars: optima. PSNR against information: points with \
+                 intervals. A click opens a design",
             ),
             (true, "Cells", "Show study cells", "One square for each cell. A click opens its design"),
         ] {

@@ -36,13 +36,16 @@ pub struct OpenStudy {
     pub states: Arc<Vec<CellState>>,
     /// Its figure.
     pub figure: Arc<Figure>,
+    /// Sentence on the cells of the plan that are left out, where there are any.
+    pub left_out: Option<String>,
 }
 
 impl OpenStudy {
     /// A study whose files were read.
     pub(crate) fn new(folder: StudyFolder, states: Vec<CellState>) -> Self {
         let figure = Arc::new(figure_of(folder.plan(), folder.cells(), &states));
-        Self { folder: Arc::new(folder), states: Arc::new(states), figure }
+        let left_out = folder.plan().left_out().ok().flatten();
+        Self { folder: Arc::new(folder), states: Arc::new(states), figure, left_out }
     }
 
     fn put(&mut self, index: usize, state: CellState) {
@@ -266,6 +269,7 @@ mod tests {
             panels: None,
             logarithmic: false,
             optima: false,
+            scatter: false,
         };
         let folder = StudyFolder::begin(Plan::new("two", "Two cells", axes, plot), place).unwrap();
         let states = folder.states().unwrap();

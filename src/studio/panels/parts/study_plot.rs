@@ -2,8 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use egui::{Color32, Ui, Vec2, vec2};
-use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points};
+use egui::{Align2, Color32, RichText, Ui, Vec2, vec2};
+use egui_plot::{GridMark, Legend, Line, LineStyle, MarkerShape, Plot, PlotPoints, Points, Text};
 
 use crate::studies::plans::{Figure, Panel, Point, Quantity, Series};
 use crate::studio::state::request::{Request, StudyRequest};
@@ -16,6 +16,8 @@ const LEAST_HEIGHT: f32 = 170.0;
 const MARGIN: Vec2 = vec2(0.12, 0.05);
 /// Distance within which the pointer finds a point, points of the screen.
 const NEAR: f32 = 12.0;
+/// Size of the names of points, points of the screen.
+const LABEL: f32 = 10.0;
 
 /// Draws a panel of the figure. A click on a point opens the design of its cell.
 pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Request>) {
@@ -32,7 +34,10 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
         ticks.iter().find(|(x, _)| (x - mark.value).abs() < 1e-9).map_or(String::new(), |(_, label)| label.clone())
     };
     let quantity = shown.quantity;
-    let mut plot = Plot::new("Study plot");
+    let mut plot = Plot::new("Study plot").x_axis_label(figure.x_label.clone());
+    if !figure.is_scatter() {
+        plot = plot.x_grid_spacer(move |_| marks.clone()).x_axis_formatter(label);
+    }
     if quantity == Quantity::Information {
         plot = plot.include_y(0.0);
     }
@@ -42,15 +47,16 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
         .set_margin_fraction(MARGIN)
         .legend(Legend::default())
         .allow_scroll(false)
-        .x_axis_label(figure.x_label.clone())
         .y_axis_label(quantity.unit())
-        .x_grid_spacer(move |_| marks.clone())
-        .x_axis_formatter(label)
         .show(ui, |plot| {
             let count = shown.series.len();
             for (index, series) in shown.series.iter().enumerate() {
                 let colour = colour(index, count, is_dark);
-                line(plot, series, figure, colour, figure.marks_optima(shown));
+                if figure.is_scatter() {
+                    cloud(plot, series, figure, colour);
+                } else {
+                    line(plot, series, figure, colour, figure.marks_optima(shown));
+                }
             }
             let pointer = plot.response().hover_pos()?;
             let at = |point: &Point| plot.screen_from_plot([place(point.x), point.value].into()).distance(pointer);
@@ -58,8 +64,9 @@ pub fn show(ui: &mut Ui, panel: usize, open: &OpenStudy, requests: &mut Vec<Requ
         });
     name_widget(&response.response, "Study plot");
     let Some((name, point)) = response.inner else { return };
-    requests.push(Request::Describe(described(name, point, quantity)));
-    response.response.clone().on_hover_text_at_pointer(described(name, point, quantity));
+    let text = if figure.is_scatter() { described_cell(figure, name, point) } else { described(name, point, quantity) };
+    requests.push(Request::Describe(text.clone()));
+    response.response.clone().on_hover_text_at_pointer(text);
     if response.response.clicked() {
         requests.push(Request::Study(StudyRequest::OpenCell(point.cell)));
     }
@@ -86,6 +93,22 @@ fn line(plot: &mut egui_plot::PlotUi<'_>, series: &Series, figure: &Figure, colo
     }
 }
 
+/// The points of a series of a scatter plot, each with its intervals and its name.
+fn cloud(plot: &mut egui_plot::PlotUi<'_>, series: &Series, figure: &Figure, colour: Color32) {
+    let name = series.name.as_str();
+    for point in &series.points {
+        let ([left, right], [low, high]) = (point.x_interval_95, point.interval_95);
+        for ends in [[[left, point.value], [right, point.value]], [[point.x, low], [point.x, high]]] {
+            plot.line(Line::new(name, PlotPoints::from(ends.to_vec())).color(colour).width(1.0));
+        }
+        let label = figure.point_names.get(point.cell).map_or("", String::as_str);
+        let text = RichText::new(label).size(LABEL);
+        plot.text(Text::new(name, [point.x, point.value].into(), text).color(colour).anchor(Align2::LEFT_BOTTOM));
+    }
+    let points: Vec<[f64; 2]> = series.points.iter().map(|point| [point.x, point.value]).collect();
+    plot.points(Points::new(name, points).color(colour).radius(3.0));
+}
+
 /// The point under the pointer, and its line.
 fn nearest<'a>(panel: &'a Panel, distance: &dyn Fn(&Point) -> f32) -> Option<(&'a str, Point)> {
     let points = panel.series.iter().flat_map(|series| series.points.iter().map(move |point| (series, point)));
@@ -101,6 +124,16 @@ fn described(name: &str, point: Point, quantity: Quantity) -> String {
     let published = point.published.map_or(String::new(), |bits| format!(", published {bits:.4}"));
     let tamura = point.tamura.map_or(String::new(), |tamura| format!(", sensor Tamura {tamura:.3}"));
     format!("{name} at {}: {:.4} ({low:.4} to {high:.4}) {unit}{lower}{published}{tamura}", point.x, point.value)
+}
+
+/// The numbers of a point of a scatter plot, for people.
+fn described_cell(figure: &Figure, name: &str, point: Point) -> String {
+    let mask = figure.point_names.get(point.cell).map_or("", String::as_str);
+    let ([left, right], [low, high]) = (point.x_interval_95, point.interval_95);
+    format!(
+        "{name}, {mask}: {:.2} ({low:.2} to {high:.2}) dB at {:.4} ({left:.4} to {right:.4}) bits per pixel",
+        point.value, point.x
+    )
 }
 
 /// Marks at the values of the x axis, as many as have room.

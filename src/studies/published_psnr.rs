@@ -12,11 +12,7 @@ const FASHION: [f64; 9] = [19.48, 20.03, 20.29, 19.93, 19.67, 19.59, 19.54, 19.5
 const CIFAR10: [f64; 9] = [16.51, 16.37, 16.46, 16.16, 15.87, 15.98, 15.85, 15.91, 15.79];
 
 /// Published PSNR of a heuristic layout, dB. It has the light of the paper protocol, which is not that of the default.
-pub(in crate::studies) fn published_psnr_db(
-    source: &ObjectSource,
-    set: Option<PublishedSet>,
-    lenslets: usize,
-) -> Option<f64> {
+pub(super) fn published_psnr_db(source: &ObjectSource, set: Option<PublishedSet>, lenslets: usize) -> Option<f64> {
     let values = match (set, source) {
         (Some(PublishedSet::Mnist), _) => MNIST,
         (Some(PublishedSet::Fashion), _) => FASHION,
