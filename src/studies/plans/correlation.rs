@@ -4,8 +4,8 @@ use serde::Serialize;
 
 use super::axes::Axis;
 use super::cell::CellSettings;
-use super::facet::Facet;
-use super::figure::{distinct, published_value};
+use super::facet::{Facet, distinct};
+use super::figure::published_value;
 use super::folder::CellState;
 use super::plan::Plan;
 use super::scatter::{PUBLISHED, information_of, published_psnr};

@@ -1,6 +1,6 @@
 //! Roles of cells in plots and tables: an axis, or a part of its values.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::str::FromStr;
 
@@ -124,4 +124,10 @@ fn side_of((rows, cols): (usize, usize)) -> f64 {
 
 fn planes(cell: &CellSettings) -> usize {
     if let ObjectSource::Volume { planes, .. } = cell.objects { planes } else { 1 }
+}
+
+/// The values in the order in which they first occur.
+pub(super) fn distinct(values: impl Iterator<Item = String>) -> Vec<String> {
+    let mut seen = HashSet::new();
+    values.filter(|value| seen.insert(value.clone())).collect()
 }

@@ -346,9 +346,3 @@ pub(super) fn caption(plan: &Plan, cells: &[CellSettings]) -> String {
     }
     parts.join("; ")
 }
-
-/// The values in the order in which they first occur.
-pub(super) fn distinct(values: impl Iterator<Item = String>) -> Vec<String> {
-    let mut seen = HashSet::new();
-    values.filter(|value| seen.insert(value.clone())).collect()
-}

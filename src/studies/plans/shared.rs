@@ -4,8 +4,7 @@ use std::collections::HashMap;
 
 use super::cell::{CellRecord, CellSettings, StudyMask};
 use super::folder::{CellState, StudyFolder};
-use super::run::CellError;
-use crate::formats::{read_if_there, write_safely};
+use crate::formats::{FormatError, read_if_there, write_safely};
 use crate::studies::error::StudyError;
 
 /// The cells that have each estimate.
@@ -43,7 +42,10 @@ impl SharedEstimate {
     }
 
     /// Lays the designed mask of the finished cell beside the cell `index`.
-    pub fn copy_design(&self, folder: &StudyFolder, index: usize) -> Result<(), CellError> {
+    ///
+    /// # Errors
+    /// Where a file cannot be read or written.
+    pub fn copy_design(&self, folder: &StudyFolder, index: usize) -> Result<(), FormatError> {
         let file = folder.design_file(index);
         let is_designed = matches!(self.record.settings.mask, StudyMask::Ideal { .. });
         if is_designed
