@@ -16,6 +16,7 @@ use crate::information::Estimator;
 use crate::objects::ObjectSource;
 use crate::sensor::PatchSize;
 use crate::studies::PublishedSet;
+use crate::studies::plans::Shard;
 
 /// Reads a mask from an argument, which need not be UTF-8, as paths need not be.
 pub fn mask_argument() -> impl TypedValueParser<Value = MaskSource> {
@@ -136,6 +137,12 @@ pub fn about_objects(design: &Design, error: EvaluationError) -> anyhow::Error {
         EvaluationError::Forward(ForwardError::Sensor(error)) => anyhow::anyhow!("{}: {error}", design.objects),
         other => other.into(),
     }
+}
+
+/// The share that the environment of a Slurm job array names; everything outside of one.
+pub fn shard_of_slurm() -> anyhow::Result<Shard> {
+    let named = Shard::of_slurm(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg)?;
+    Ok(named.unwrap_or_default())
 }
 
 /// Paths as text; JSON holds no others.

@@ -1,16 +1,15 @@
 //! Comparisons of masks as part of a run: computing their cells with progress on standard error.
 
-use std::ops::ControlFlow;
-
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use super::stop::StopSignal;
 use crate::evaluation::format_duration;
 use crate::plural::counted;
 use crate::studies::{Study, StudyCell, StudyEvent, StudyRecord, StudyStep};
 
 /// Computes the missing cells, with a progress bar and a line for every cell on standard error.
-pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
+pub(super) fn run_with_bar(study: &mut Study, stop: &StopSignal) -> anyhow::Result<()> {
     output::report(announcement(study));
     let progress_line = ProgressLine::new();
     study.run(&mut |event: &StudyEvent<'_>| {
@@ -22,7 +21,7 @@ pub(super) fn run_with_bar(study: &mut Study) -> anyhow::Result<()> {
                 progress_line.report(finished(*number, *cells, cell));
             }
         }
-        ControlFlow::Continue(())
+        stop.check()
     })?;
     progress_line.finish();
     Ok(())

@@ -15,6 +15,7 @@ mod headless;
 mod measurements;
 mod optimize;
 mod optimize_runs;
+mod optimize_starts;
 mod output;
 mod reconstruct;
 mod reconstruct_network;
@@ -22,6 +23,7 @@ mod reproduce;
 #[cfg(test)]
 mod schemas;
 mod simulate;
+mod stop;
 mod study;
 mod study_plan;
 mod study_run;

@@ -7,26 +7,25 @@ use anyhow::{Context, bail};
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument};
+use super::choices::{BudgetChoice, PublishedChoice, check_count, check_folder, mask_argument, shard_of_slurm};
 use super::comparison::{failed, run_with_bar};
 use super::design_args::{GridArg, SceneArgs, ThroughputArg, check_inputs_stay, files_of, open_design};
 use super::failure::Failure;
 use super::optimize_runs::{
-    Ranking, check_effects, check_place, format_result, optimize, outputs, rank, usual_layouts, usual_score, write,
+    check_effects, check_place, lines_of, optimize, outputs, usual_layouts, usual_score, write,
 };
+use super::optimize_starts::{Ranking, Starts, lines_of_ranked};
 use super::output;
-use crate::design::{
-    Checkpoint, Free, IdealEvent, IdealSettings, Objective, Preset, Rates, SettingsFile, gain_summary,
-};
+use super::stop::{StopSignal, is_stopped};
+use crate::design::{Checkpoint, Free, IdealSettings, Objective, Preset, Rates, SettingsFile};
 use crate::forward::{Design, MaskSource};
 use crate::information::NUMBERS_VERSION;
 use crate::optics::Encoder;
 use crate::plural::counted;
 use crate::sensor::PatchSize;
+use crate::studies::plans::Shard;
 use crate::studies::{PublishedSet, Study, StudyRecord, StudySettings};
-use crate::workbench::{
-    IdealRecord, RankedStart, RunStore, Start, comparison_summary, patches_of, result_lines, score_settings,
-};
+use crate::workbench::{IdealRecord, RankedStart, RunStore, Start, comparison_summary, result_lines, score_settings};
 
 /// Arguments of `optimize`.
 #[derive(Args, Debug)]
@@ -113,6 +112,11 @@ pub struct Arguments {
     #[arg(long, value_name = "COUNT", default_value_t = 1)]
     starts: usize,
 
+    /// Compute only the starts of task I of N, from 0. The task that computes the last one ranks all of them [default: those of the
+    /// Slurm job array, or all].
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+
     /// Time budget of each estimate, such as 60s, in the comparison of the result with its start and the heuristic layouts. It is a
     /// study in DIR/score, in patches of 32 x 32 px and for the whole sensor; none leaves it out [default: that of the comparison that
     /// is there, or 15s].
@@ -188,6 +192,15 @@ pub struct Outcome<'a> {
     verdict: Vec<String>,
 }
 
+/// Results so far as JSON, while starts of other tasks have none.
+#[derive(Serialize)]
+struct ShareOutcome<'a> {
+    folder: String,
+    shard: String,
+    ranked: &'a [RankedStart],
+    waiting: Vec<usize>,
+}
+
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
@@ -205,18 +218,58 @@ impl Arguments {
         let named = [self.design.clone(), self.start.as_ref().and_then(MaskSource::file)];
         let inputs = files_of(named, &design.objects);
         check_inputs_stay(&inputs, &outputs(self.out(), self.starts), ("--out", None))?;
+        let shard = self.shard()?;
         // Records are read from other folders as well.
         let design = Design { objects: design.objects.absolute(), ..design };
+        match self.compute(&design, &settings, shard) {
+            Err(Failure::Input(error)) if is_stopped(&error) => {
+                // The scheduler or a person asked to stop, and the state is kept.
+                output::report(format_args!("{}: stopped; the same command resumes it", self.out().display()));
+                Ok(())
+            }
+            finished => finished,
+        }
+    }
+
+    /// The share of the starts that this command computes.
+    fn shard(&self) -> anyhow::Result<Shard> {
+        match self.shard {
+            Some(_) if self.starts == 1 => {
+                bail!("--shard: expected several starts to share, found one; give --starts 8")
+            }
+            Some(shard) => Ok(shard),
+            // Tasks of an array that have runs of their own share nothing.
+            None if self.starts == 1 => Ok(Shard::default()),
+            None => shard_of_slurm(),
+        }
+    }
+
+    /// Computes one run, or the starts of a share.
+    fn compute(&self, design: &Design, settings: &IdealSettings, shard: Shard) -> Result<(), Failure> {
+        let stop = StopSignal::listen();
         let kept = RunStore::in_folder(self.out())?;
-        let _lock = kept.lock()?;
+        // The tasks of an array have the folder together, and each start has a lock of its own.
+        let lock = if shard.count == 1 { kept.lock()? } else { None };
         check_place(&kept, self.out(), self.starts)?;
         if self.starts == 1 {
-            let record = optimize(&design, &settings, &kept, self.out())?;
-            return self.finish(&record, &[]);
+            let record = optimize(design, settings, (&kept, self.out()), &stop)?;
+            return self.finish(&record, &[], &stop);
         }
-        let Ranking { record, ranked, failed } = self.rank(&design, &settings, &kept)?;
+        let starts = self.random_starts(design, settings, (&kept, &stop))?;
+        let Ranking { record, ranked, failed, waiting } = starts.rank(shard)?;
+        if failed > 0 && shard.count > 1 {
+            return Err(Failure::Incomplete(anyhow::anyhow!(
+                "{}: expected the starts of task {shard} to finish, found that {failed} failed; the same command tries them again",
+                self.out().display()
+            )));
+        }
+        let Some(record) = record else { return self.print_share(shard, &ranked, waiting) };
+        let Ok(_lock) = lock.map_or_else(|| kept.lock(), |lock| Ok(Some(lock))) else {
+            output::report(format_args!("{}: another task writes the ranking", self.out().display()));
+            return Ok(());
+        };
         let unscored = ranked.iter().filter(|result| !result.is_scored).count();
-        match self.finish(&record, &ranked) {
+        match self.finish(&record, &ranked, &stop) {
             // A closed pipe does not change the outcome.
             Ok(()) | Err(Failure::Closed) if failed > 0 => Err(Failure::Incomplete(anyhow::anyhow!(
                 "{}: expected {} to finish, found that {failed} failed",
@@ -233,18 +286,40 @@ impl Arguments {
         }
     }
 
-    /// Runs from several random starts.
-    fn rank(&self, design: &Design, settings: &IdealSettings, order: &RunStore) -> anyhow::Result<Ranking> {
+    /// Random starts with the seed and those after it.
+    fn random_starts<'a>(
+        &'a self,
+        design: &Design,
+        settings: &'a IdealSettings,
+        (order, stop): (&'a RunStore, &'a StopSignal),
+    ) -> anyhow::Result<Starts<'a>> {
         let count = match &self.start {
             Some(MaskSource::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,
             _ => bail!("--starts repeats runs from random lenslets; give --start random:25"),
         };
-        let starts: Vec<Start> = (0..self.starts as u64)
+        let starts = (0..self.starts as u64)
             .map(|number| Start::random(design, count, design.seed.wrapping_add(number)))
             .collect();
         let budget = self.score.and_then(|ScoreChoice(budget)| Some(budget?.0));
-        rank(&starts, settings, self.out(), order, budget)
+        Ok(Starts { starts, settings, out: self.out(), order, budget, stop })
+    }
+
+    /// Prints the results that are there while starts of other tasks have none.
+    fn print_share(&self, shard: Shard, ranked: &[RankedStart], waiting: Vec<usize>) -> Result<(), Failure> {
+        let folder = self.out().display().to_string();
+        if self.json {
+            return output::print_json(&ShareOutcome { folder, shard: shard.to_string(), ranked, waiting });
+        }
+        let mut lines = lines_of_ranked(ranked);
+        let numbers: Vec<String> = waiting.iter().map(usize::to_string).collect();
+        lines.push(format!(
+            "{folder}: {} of {} have a result; without one: {}. The task that computes the last one ranks them",
+            ranked.len(),
+            counted(self.starts, "start"),
+            numbers.join(", ")
+        ));
+        output::print(&lines.join("\n"))
     }
 
     /// Folder of the run.
@@ -330,13 +405,14 @@ impl Arguments {
     }
 
     /// Writes design, PSF, curve and record, and prints a summary.
-    fn finish(&self, record: &IdealRecord, ranked: &[RankedStart]) -> Result<(), Failure> {
+    fn finish(&self, record: &IdealRecord, ranked: &[RankedStart], stop: &StopSignal) -> Result<(), Failure> {
         let files = write(record, self.out())?;
         let (Some(start), Some(end)) = (record.checkpoints.first(), record.checkpoints.last()) else {
             return Err(anyhow::anyhow!("{}: the run has no checkpoints", self.out().display()).into());
         };
-        let (score, unscored) = match self.score(record) {
+        let (score, unscored) = match self.score(record, stop) {
             Ok(score) => (score, None),
+            Err(error) if is_stopped(&error) => return Err(error.into()),
             Err(error) => (None, Some(error)),
         };
         let summary = |study: &StudyRecord| [result_lines(study), comparison_summary(study)].concat();
@@ -348,12 +424,7 @@ impl Arguments {
             output::print_json(&Outcome { folder, files, start, end, record, ranked, score, verdict })
         } else {
             let mut lines = lines_of(record, start, end);
-            lines.extend(
-                ranked
-                    .iter()
-                    .enumerate()
-                    .map(|(place, result)| format!("{}. {}: {}", place + 1, result.name, format_result(result))),
-            );
+            lines.extend(lines_of_ranked(ranked));
             lines.extend(verdict);
             lines.push(format!("Written to {}", self.out().display()));
             output::print(&lines.join("\n"))
@@ -369,7 +440,7 @@ impl Arguments {
     }
 
     /// Compares the result with its start and the baselines.
-    fn score(&self, record: &IdealRecord) -> anyhow::Result<Option<StudyRecord>> {
+    fn score(&self, record: &IdealRecord, stop: &StopSignal) -> anyhow::Result<Option<StudyRecord>> {
         let all: Vec<usize> = (1..=9).collect();
         let against = if self.baselines.is_empty() { &all } else { &self.baselines };
         let settings = match self.score {
@@ -387,7 +458,7 @@ impl Arguments {
             }
         };
         let mut study = open_score(settings, self.out())?;
-        run_with_bar(&mut study)?;
+        run_with_bar(&mut study, stop)?;
         Ok(Some(study.record().clone()))
     }
 }
@@ -412,46 +483,6 @@ fn open_score(settings: StudySettings, run: &Path) -> anyhow::Result<Study> {
         }
         opened => Ok(opened?),
     }
-}
-
-/// Tolerance of distances, px.
-const ROUNDING_PX: f64 = 0.01;
-
-/// Summary of the run, line by line.
-fn lines_of(record: &IdealRecord, start: &Checkpoint, end: &Checkpoint) -> Vec<String> {
-    let bits = |checkpoint: &Checkpoint| {
-        let [low, high] = checkpoint.interval_95;
-        format!("{:.4} [{low:.4}, {high:.4}]", checkpoint.bits_per_pixel)
-    };
-    let patch = patches_of(record.settings.patch);
-    let mut lines = vec![
-        format!(
-            "{}, {}, {patch}, {} preset, {} objective",
-            record.start.encoder.describe(),
-            record.start.objects,
-            record.settings.preset,
-            record.settings.objective
-        ),
-        format!("from {} to {} bits per pixel, {}", bits(start), bits(end), record.settings.objective.kind_of_value()),
-        format!(
-            "{}, {:.1} effective; Tamura {:.3} to {:.3}; {} in {:.0} s",
-            counted(end.distinct_lenslets, "lenslet"),
-            end.effective_lenslets,
-            start.tamura,
-            end.tamura,
-            counted(end.step, "step"),
-            end.seconds
-        ),
-    ];
-    lines.extend(gain_summary(&record.checkpoints, record.settings.objective).map(String::from));
-    lines.push("Numbers of a run can mislead; a separate estimate scores the design".into());
-    let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
-    if least < asked - ROUNDING_PX {
-        lines.push(format!("some lenslets are {least:.2} px apart; expected at least {asked} px"));
-    }
-    lines.extend(IdealEvent::event_summary(&record.events));
-    lines.extend(record.notices.iter().map(|notice| format!("note: {notice}")));
-    lines
 }
 
 #[cfg(test)]

@@ -1,16 +1,17 @@
-//! Runs of `optimize` in their folders: one, or several that are ranked.
+//! Runs of `optimize` in their folders.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::{Context, anyhow, bail};
 
 use super::choices::about_objects;
 use super::output::{self, ProgressLine};
-use crate::design::{IdealError, IdealOptimizer, IdealProgress, IdealSettings, time_left};
-use crate::evaluation::{EstimateProgress, EvaluationError, format_duration};
+use super::stop::StopSignal;
+use crate::design::{
+    Checkpoint, IdealError, IdealEvent, IdealOptimizer, IdealProgress, IdealSettings, gain_summary, time_left,
+};
+use crate::evaluation::{EvaluationError, format_duration};
 use crate::formats::check_writable;
 use crate::forward::Design;
 use crate::information::InformationError;
@@ -18,16 +19,15 @@ use crate::objects::ReadProgress;
 use crate::plural::counted;
 use crate::studies::{StudyDesign, StudySettings};
 use crate::workbench::{
-    DESIGN_FILES, IdealRecord, RankedStart, RunQueue, RunStore, Start, curve_of, design_outputs, run_ideal,
-    score_in_patches, score_settings, score_whole, write_design,
+    DESIGN_FILES, IdealRecord, RunStore, curve_of, design_outputs, patches_of, run_ideal, score_settings, write_design,
 };
 
 /// Runs the optimizer in its folder. An existing run is resumed.
 pub(super) fn optimize(
     design: &Design,
     settings: &IdealSettings,
-    kept: &RunStore,
-    folder: &Path,
+    (kept, folder): (&RunStore, &Path),
+    stop: &StopSignal,
 ) -> anyhow::Result<IdealRecord> {
     let from = kept.load(0)?;
     let progress_line = ProgressLine::new();
@@ -39,11 +39,11 @@ pub(super) fn optimize(
             progress_line.report(format_args!("{folder}: resuming the run that is there, at step {step}"));
         }
         progress_line.show(progress.state.step, settings.steps, &message(progress, settings));
-        ControlFlow::Continue(())
+        stop.check()
     };
     let mut reading = |progress: &ReadProgress| {
         progress.understood.iter().for_each(|understood| progress_line.report(understood));
-        ControlFlow::Continue(())
+        stop.check()
     };
     let keep = &mut |ideal: &IdealOptimizer<'_>| kept.store(0, &ideal.to_bytes()?);
     let record = run_ideal(design, settings, from.as_deref(), &mut reading, keep, &mut on_progress)
@@ -124,7 +124,7 @@ pub(super) fn check_place(kept: &RunStore, out: &Path, starts: usize) -> anyhow:
 }
 
 /// The folder of one of several starts, by its number from 1.
-fn start_folder(out: &Path, number: usize) -> PathBuf {
+pub(super) fn start_folder(out: &Path, number: usize) -> PathBuf {
     out.join(format!("start-{number}"))
 }
 
@@ -155,122 +155,6 @@ pub(super) fn usual_layouts<'a>(record: &IdealRecord, all: &'a [usize]) -> &'a [
     if record.start.encoder.grid() == grid { all } else { &[] }
 }
 
-/// Results of several starts.
-pub(super) struct Ranking {
-    /// Record of the best result.
-    pub record: IdealRecord,
-    /// All results, the best first.
-    pub ranked: Vec<RankedStart>,
-    /// Number of starts without a result.
-    pub failed: usize,
-}
-
-/// The run from a start in its folder, and its score unless `known` holds it.
-fn ranked_start(
-    start: &Start,
-    settings: &IdealSettings,
-    (folder, budget): (&Path, Option<Duration>),
-    known: &[RankedStart],
-) -> anyhow::Result<(IdealRecord, RankedStart)> {
-    let kept = RunStore::in_folder(folder)?;
-    let _lock = kept.lock()?;
-    let record = optimize(&start.design, settings, &kept, folder)?;
-    write(&record, folder)?;
-    let (name, design) = (start.name.clone(), Arc::new(record.design()));
-    let known = known.iter().find(|result| result.name == name && result.design == design);
-    if let Some(result) = known.filter(|result| result.is_scored) {
-        return Ok((record, result.clone()));
-    }
-    let progress_line = ProgressLine::new();
-    let mut on_progress = |progress: &EstimateProgress| {
-        progress_line.show(progress.done, progress.total, &progress.step);
-        ControlFlow::Continue(())
-    };
-    let mut result = if let Some(known) = known {
-        known.clone()
-    } else {
-        let estimate =
-            score_in_patches(&design, budget, &mut on_progress).map_err(|error| about_objects(&design, error))?;
-        let design = Arc::clone(&design);
-        RankedStart { name, design, estimate, sensor: None, is_scored: false, sensor_failure: None, record: None }
-    };
-    let scored = score_whole(&design, &result.estimate, budget, &mut on_progress);
-    progress_line.finish();
-    if let Err(error) = result.set_sensor(scored) {
-        output::report(format_args!("{}: no score for the whole sensor: {error}", folder.display()));
-    }
-    Ok((record, result))
-}
-
-/// Text of a result.
-pub(super) fn format_result(result: &RankedStart) -> String {
-    let sensor = result.sensor.as_ref().map_or(String::new(), |sensor| format!("; whole sensor: {}", sensor.summary()));
-    format!("{}{sensor}", result.estimate.summary())
-}
-
-/// Runs from several starts in folders of `out`. Each result is scored in this time, or by a fixed number of steps.
-/// `order` stores the results.
-pub(super) fn rank(
-    starts: &[Start],
-    settings: &IdealSettings,
-    out: &Path,
-    order: &RunStore,
-    budget: Option<Duration>,
-) -> anyhow::Result<Ranking> {
-    let budget_seconds = budget.map(|budget| budget.as_secs_f64());
-    // Scores of an interrupted command are reused.
-    let last = order.last().map(|run| run.queue);
-    if last.as_ref().is_some_and(|last| !is_same(last, starts, settings)) {
-        bail!(
-            "{}: expected the starts and settings of the runs that are there, found others; choose another --out",
-            out.display()
-        );
-    }
-    let known = last.filter(|order| order.budget_seconds == budget_seconds);
-    let known = known.map_or_else(Vec::new, |order| order.ranked);
-    let (mut records, mut ranked, mut failed) = (Vec::new(), Vec::<RankedStart>::new(), 0);
-    for (at, start) in starts.iter().enumerate() {
-        let folder = start_folder(out, at + 1);
-        output::report(format_args!("{}: {}, start {} of {}", folder.display(), start.name, at + 1, starts.len()));
-        match ranked_start(start, settings, (&folder, budget), &known) {
-            Ok((record, result)) => {
-                output::report(format_args!("{}: {}", folder.display(), format_result(&result)));
-                records.push((result.name.clone(), record));
-                ranked.push(result);
-            }
-            // The results of other starts stay useful.
-            Err(error) if starts.len() - failed > 1 => {
-                failed += 1;
-                output::report(format_args!("{error:#}"));
-            }
-            Err(error) => return Err(error),
-        }
-        RankedStart::rank(&mut ranked);
-        let begun = RunQueue::new(starts.to_vec(), settings.clone());
-        let ranked = with_known(&ranked, &known, &starts[at + 1..]);
-        order.note(&RunQueue { at, ranked, budget_seconds, ..begun })?;
-    }
-    let best = ranked.first().map(|best| &best.name);
-    let record = records.into_iter().find(|(name, _)| Some(name) == best).map(|(_, record)| record);
-    let record = record.context("--starts: no run has finished")?;
-    Ok(Ranking { record, ranked, failed })
-}
-
-/// Whether a queue has these starts and settings; the number of starts and steps may differ.
-fn is_same(order: &RunQueue, starts: &[Start], settings: &IdealSettings) -> bool {
-    let but_steps = |settings: &IdealSettings| IdealSettings { steps: 0, ..settings.clone() };
-    but_steps(&order.settings) == but_steps(settings)
-        && order.starts.iter().zip(starts).all(|(one, other)| one == other)
-}
-
-/// The results, with those in `known` for the starts `ahead`.
-fn with_known(ranked: &[RankedStart], known: &[RankedStart], ahead: &[Start]) -> Vec<RankedStart> {
-    let is_ahead = |result: &&RankedStart| ahead.iter().any(|start| start.name == result.name);
-    let mut results: Vec<RankedStart> = ranked.iter().chain(known.iter().filter(is_ahead)).cloned().collect();
-    RankedStart::rank(&mut results);
-    results
-}
-
 fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
     let state = progress.state;
     let value = state.checkpoints.last().map_or(String::new(), |checkpoint| {
@@ -282,4 +166,44 @@ fn message(progress: &IdealProgress<'_>, settings: &IdealSettings) -> String {
         Some(_) if state.checkpoints.is_empty() => "First fit".into(),
         _ => format!("{value}{left}"),
     }
+}
+
+/// Tolerance of distances, px.
+const ROUNDING_PX: f64 = 0.01;
+
+/// Summary of the run, line by line.
+pub(super) fn lines_of(record: &IdealRecord, start: &Checkpoint, end: &Checkpoint) -> Vec<String> {
+    let bits = |checkpoint: &Checkpoint| {
+        let [low, high] = checkpoint.interval_95;
+        format!("{:.4} [{low:.4}, {high:.4}]", checkpoint.bits_per_pixel)
+    };
+    let patch = patches_of(record.settings.patch);
+    let mut lines = vec![
+        format!(
+            "{}, {}, {patch}, {} preset, {} objective",
+            record.start.encoder.describe(),
+            record.start.objects,
+            record.settings.preset,
+            record.settings.objective
+        ),
+        format!("from {} to {} bits per pixel, {}", bits(start), bits(end), record.settings.objective.kind_of_value()),
+        format!(
+            "{}, {:.1} effective; Tamura {:.3} to {:.3}; {} in {:.0} s",
+            counted(end.distinct_lenslets, "lenslet"),
+            end.effective_lenslets,
+            start.tamura,
+            end.tamura,
+            counted(end.step, "step"),
+            end.seconds
+        ),
+    ];
+    lines.extend(gain_summary(&record.checkpoints, record.settings.objective).map(String::from));
+    lines.push("Numbers of a run can mislead; a separate estimate scores the design".into());
+    let (asked, least) = (record.settings.min_separation_px, record.least_separation_px());
+    if least < asked - ROUNDING_PX {
+        lines.push(format!("some lenslets are {least:.2} px apart; expected at least {asked} px"));
+    }
+    lines.extend(IdealEvent::event_summary(&record.events));
+    lines.extend(record.notices.iter().map(|notice| format!("note: {notice}")));
+    lines
 }

@@ -1,18 +1,16 @@
 //! `study run`: the cells of a plan, with progress, until they are done or a signal asks to stop.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::choices::check_folder;
+use super::choices::{check_folder, shard_of_slurm};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use super::stop::StopSignal;
 use super::study_plan::PlanArgs;
 use crate::evaluation::format_duration;
 use crate::formats::{write_csv_text, write_safely};
@@ -61,11 +59,7 @@ impl RunArgs {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
         let plan = self.plan.plan()?;
-        let of_slurm = || Shard::of_slurm(|name| std::env::var(name).ok()).map_err(anyhow::Error::msg);
-        let shard = match self.shard {
-            Some(shard) => shard,
-            None => of_slurm()?.unwrap_or_default(),
-        };
+        let shard = self.shard.map_or_else(shard_of_slurm, Ok)?;
         if self.dry_run {
             return output::print(&listed(&plan, shard)?);
         }
@@ -145,7 +139,7 @@ fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
 
 /// Computes the cells of a share, with a progress bar and a line for every cell on standard error; none where a signal stopped it.
 fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<RunSummary>> {
-    let stop = stop_signals();
+    let stop = StopSignal::listen();
     let progress_line = ProgressLine::new();
     let mut is_announced = false;
     let result = run_cells(folder, shard, &mut |event: &PlanEvent<'_>| {
@@ -163,7 +157,7 @@ fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<Run
                 progress_line.report(finished(*number, *cells, record));
             }
         }
-        if stop.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        stop.check()
     });
     progress_line.finish();
     match result {
@@ -171,17 +165,6 @@ fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<Run
         Err(StudyError::Cancelled) => Ok(None),
         Err(error) => Err(error.into()),
     }
-}
-
-/// A flag that the signals of a scheduler raise.
-fn stop_signals() -> Arc<AtomicBool> {
-    let stop = Arc::new(AtomicBool::new(false));
-    #[cfg(unix)]
-    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGUSR1] {
-        // Without the handler the signal ends the program at once; the last checkpoint stays.
-        let _ = signal_hook::flag::register(signal, Arc::clone(&stop));
-    }
-    stop
 }
 
 fn finished(number: usize, cells: usize, record: &CellRecord) -> String {

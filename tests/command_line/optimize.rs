@@ -1,5 +1,6 @@
 //! Optimizer runs from the command line: their files, and resuming after a power cut.
 
+use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
 use serde_json::{Value, json};
@@ -120,6 +121,68 @@ fn several_starts_are_ranked_by_their_scores() {
     // A single run replaces none of it.
     let sentence = bench.refused(&format!("{TINY} --steps 1 --out a"));
     assert!(sentence.contains("found the runs of several starts; choose another --out"), "{sentence}");
+}
+
+#[test]
+fn tasks_of_a_job_array_share_the_starts() {
+    let bench = Bench::new();
+    let steps = "\"first_fit\":2,\"refit\":2,\"last_fit\":2,\"refit_every\":1";
+    let tiny = format!("\"objects\":4,\"patches\":4,\"substeps\":1,\"relocation_candidates\":0,{steps}");
+    let line = two_starts(&bench, 33).replace("--patch 6", "--patch 2");
+    let line = line.replace("\"first_fit\":60,\"last_fit\":60", &tiny);
+    bench.done(&line.replace("--out a", "--out whole"));
+    let first = bench.json(&format!("{line} --shard 1/2"));
+    assert_eq!((&first["shard"], &first["waiting"]), (&json!("1/2"), &json!([1])));
+    assert!(!bench.path("a/run.json").exists() && !bench.path("a/start-1").exists(), "{:?}", bench.files());
+    let sentence = bench.refused(&format!("{line} --shard 0/2 --free positions"));
+    assert!(sentence.contains("start-2: expected the starts and settings of the runs that are there"), "{sentence}");
+    assert!(bench.refused(&format!("{TINY} --shard 0/2 --out b")).contains("--shard: expected several starts"));
+
+    // The environment of a job array names the share of the task that ends last.
+    let mut command = bench.command();
+    command.env("SLURM_ARRAY_TASK_ID", "1").env("SLURM_ARRAY_TASK_COUNT", "2");
+    command.env("SLURM_ARRAY_TASK_MIN", "1").env("SLURM_ARRAY_TASK_MAX", "2");
+    let output = command.args(line.split_whitespace()).arg("--json").output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let last: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let numbers = |folder: &str, start: usize| -> Vec<Value> {
+        let record = read(&bench, &format!("{folder}/start-{start}/run.json"));
+        let checkpoints = record["checkpoints"].as_array().unwrap();
+        let bits = checkpoints.iter().map(|checkpoint| checkpoint["bits_per_pixel"].clone());
+        bits.chain([record["result"].clone()]).collect()
+    };
+    for start in [1, 2] {
+        assert_eq!(numbers("a", start), numbers("whole", start), "start {start}");
+    }
+    let ranked = last["ranked"].as_array().unwrap();
+    assert_eq!((ranked.len(), &ranked[0]["design"]["encoder"]), (2, &read(&bench, "a/design.json")["encoder"]));
+    let best = if ranked[0]["name"].as_str().unwrap().ends_with("seed 5") { 1 } else { 2 };
+    assert_eq!(read(&bench, "a/run.json"), read(&bench, &format!("a/start-{best}/run.json")));
+    assert_eq!(read(&bench, "a/order.json")["ranked"], last["ranked"]);
+    // The same command without a share computes nothing again.
+    assert_eq!(bench.json(&line)["ranked"], last["ranked"]);
+}
+
+/// A scheduler's signal ends a run with success, and the same command resumes it.
+#[cfg(unix)]
+#[test]
+fn signals_of_a_scheduler_stop_a_run() {
+    let bench = Bench::new();
+    let line = format!(
+        "{} --steps 90000 --starts 2 --shard 0/2 --out a",
+        two_starts(&bench, 37).replace(" --starts 2 --steps 2 --out a", "")
+    );
+    for signal in ["TERM", "USR1"] {
+        let mut child = bench.command().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+        // The first line of the start appears after the program listens.
+        assert!(lines.any(|line| line.unwrap().contains("start 1 of 2")));
+        let killed = bench.process("kill").args([&format!("-{signal}"), &child.id().to_string()]).status().unwrap();
+        assert!(killed.success());
+        let rest: Vec<String> = lines.map(Result::unwrap).collect();
+        assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("resumes it")), "{rest:?}");
+    }
+    assert!(!bench.path("a/start-1/order.json").exists());
 }
 
 #[test]

@@ -93,9 +93,10 @@ impl RunStore {
         self.state(0)
     }
 
-    /// Whether a queue is in the folder.
+    /// Whether a queue of several starts is in the folder.
     pub fn has_order(&self) -> bool {
-        self.order().exists()
+        let order = RUN_ORDER.read::<RunQueue>(&self.order());
+        order.map_or_else(|_| self.order().exists(), |queue| queue.starts.len() > 1)
     }
 
     /// Checks that the files of the folder can be written.
