@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::Args;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::choices::{BudgetChoice, check_count};
 use super::failure::Failure;
 use super::output::{self, ProgressLine};
-use crate::formats::{read_bytes, write_safely};
+use crate::formats::{DocumentKind, content_key, json_of, read_bytes, write_safely};
 use crate::forward::Design;
 use crate::information::EngineChoice;
 use crate::progress::CancelToken;
@@ -19,6 +19,10 @@ use crate::reconstruction::{
     TrainingMasks, TrainingPoint, TrainingStep,
 };
 
+/// The kind of the file of settings.
+const SETTINGS: DocumentKind = DocumentKind::new("lenslet-studio/networks", "settings of trained networks");
+/// Its name.
+const SETTINGS_FILE: &str = "networks.json";
 /// Most networks.
 const MOST_NETWORKS: usize = 100;
 /// Most steps of a training.
@@ -124,15 +128,17 @@ impl NetworkArgs {
         self.weights.iter().cloned().collect()
     }
 
-    /// The networks, trained or read. Trained ones are written into `out` as soon as they are.
+    /// The networks, trained or read. Trained ones are written into `out` as soon as they are, and those of the same settings there are
+    /// not trained again.
     pub fn networks(
         &self,
         kind: DecoderKind,
         (scene, model): (&DecoderScene, &ImagingModel),
-        Design { encoder, seed, .. }: &Design,
+        design: &Design,
         out: Option<&Path>,
     ) -> Result<Networks, Failure> {
-        let start = self.weights.as_deref().map(|path| read(kind, path, scene)).transpose()?;
+        let Design { encoder, seed, .. } = design;
+        let start = self.weights.as_deref().map(|path| read(kind, path, scene, "--weights ")).transpose()?;
         let budget = match (self.budget, self.steps) {
             (_, Some(steps)) => Some(TrainingBudget::Steps(steps)),
             (Some(BudgetChoice(budget)), None) => Some(TrainingBudget::Seconds(budget.as_secs_f64())),
@@ -147,9 +153,19 @@ impl NetworkArgs {
         } else {
             TrainingMasks::One(model.clone())
         };
+        let is_kept =
+            out.map(|out| self.begin_folder(out, (kind, budget), (scene, design))).transpose()?.unwrap_or(false);
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {
             let seed = seed.wrapping_add(index as u64);
+            let path = out.map(|out| out.join(format!("network-{}.safetensors", index + 1)));
+            if let Some(path) = path.as_ref().filter(|path| is_kept && path.is_file()) {
+                let network = read(kind, path, scene, "")?;
+                output::report(format_args!("{}: trained before: {}", path.display(), network.summary()));
+                result.files.push(path.clone());
+                result.networks.push(network);
+                continue;
+            }
             let line = ProgressLine::new();
             line.show(0, PARTS as usize, "Preparing");
             let mut show = |step: &TrainingStep| {
@@ -160,8 +176,7 @@ impl NetworkArgs {
             let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
             line.finish();
             output::report(format_args!("Network {}: {}", index + 1, network.summary()));
-            if let Some(out) = out {
-                let path = out.join(format!("network-{}.safetensors", index + 1));
+            if let Some(path) = path {
                 let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
                 write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
                 result.files.push(path);
@@ -170,6 +185,49 @@ impl NetworkArgs {
         }
         Ok(result)
     }
+
+    /// Whether the folder holds networks of these settings; otherwise its file of settings is written.
+    fn begin_folder(
+        &self,
+        out: &Path,
+        (decoder, budget): (DecoderKind, TrainingBudget),
+        (scene, design): (&DecoderScene, &Design),
+    ) -> anyhow::Result<bool> {
+        let start = self.weights.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
+        let settings = KeptSettings {
+            settings: content_key(&serde_json::json!({
+                "decoder": decoder.name(),
+                "budget": budget,
+                "any_mask": self.any_mask,
+                "engine": self.engine.unwrap_or_default(),
+                "start": start.map(|bytes| blake3::hash(&bytes).to_hex().to_string()),
+                "objects": scene.set.fingerprint(),
+                "protocol": scene.protocol.to_string(),
+                "light": [design.mean_photons, design.bias_photons],
+                "noise": scene.noise.to_string(),
+                "mask": json_of(&design.encoder),
+                "seed": design.seed,
+            })),
+        };
+        let file = out.join(SETTINGS_FILE);
+        if !file.exists() {
+            SETTINGS.write(&file, &settings)?;
+            return Ok(false);
+        }
+        if SETTINGS.read::<KeptSettings>(&file)? != settings {
+            anyhow::bail!(
+                "{}: expected the settings of the networks that are there, found others; choose another --out",
+                out.display()
+            );
+        }
+        Ok(true)
+    }
+}
+
+/// Content of the file of settings: the key of all that decides the networks.
+#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct KeptSettings {
+    settings: String,
 }
 
 /// Networks and the files that they were written to.
@@ -180,8 +238,9 @@ pub struct Networks {
     pub files: Vec<PathBuf>,
 }
 
-fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene) -> anyhow::Result<TrainedDecoder> {
-    let about = || format!("--weights {}", path.display());
+/// The network of a file; `flag` precedes its name in an error.
+fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene, flag: &str) -> anyhow::Result<TrainedDecoder> {
+    let about = || format!("{flag}{}", path.display());
     let network = TrainedDecoder::from_bytes(kind, &read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
     network.training().check_scene(scene).with_context(about)?;
     Ok(network)

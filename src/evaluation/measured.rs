@@ -16,7 +16,7 @@ use crate::evaluation::equal_light::EqualLight;
 use crate::evaluation::estimation::{TrialContext, network_trial};
 use crate::evaluation::level_limit::LevelLimit;
 use crate::evaluation::measured_checks::{
-    BELOW_ZERO_SATURATED, SATURATED, SPLIT, WRAPPED, below_zero, few_photons_note, neighbour_note,
+    BELOW_ZERO_SATURATED, SATURATED, SPLIT, WRAPPED, below_zero, few_images_note, few_photons_note, neighbour_note,
 };
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;
@@ -243,6 +243,7 @@ impl MeasuredImages {
         if light.is_none() {
             notes.extend(few_photons_note(self.photons.view(), noise, request.protocol, request.model.estimator()));
         }
+        notes.extend(few_images_note(images));
         Ok(Prepared { conditions, noise, patch, stacks, fingerprint: self.fingerprint(), notes })
     }
 

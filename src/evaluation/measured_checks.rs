@@ -175,6 +175,18 @@ pub(crate) fn below_zero(
     format!("{start}; check the {first}: {reason}{fitting}")
 }
 
+/// Number of images from which on an estimate is taken to hold for their kind.
+const MANY_IMAGES: usize = 100;
+
+/// A note on an estimate of few images.
+pub(crate) fn few_images_note(images: usize) -> Option<String> {
+    (images < MANY_IMAGES).then(|| {
+        format!(
+            "there are {images} images, so the estimate may hold for these scenes alone; measure {MANY_IMAGES} or more for their kind"
+        )
+    })
+}
+
 /// A note on the bias of noisy measurements in place of clean images, where it matters.
 ///
 /// Measurements are simulated at the mean light of blocks of 8 x 8 pixels. Their noise entropy falls short of that of the light. A

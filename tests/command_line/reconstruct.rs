@@ -68,6 +68,23 @@ fn networks_are_trained_tested_and_read_again() {
     assert!(trained.len() == 2 && trained.iter().all(|network| network["steps"] == 1), "{result}");
     let weights = bench.path("a/network-2.safetensors");
     assert!(weights.is_file());
+    // Networks that are there are not trained again; one that is missing is.
+    let first = std::fs::metadata(bench.path("a/network-1.safetensors")).unwrap().modified().unwrap();
+    let bytes = std::fs::read(&weights).unwrap();
+    std::fs::remove_file(&weights).unwrap();
+    let output = bench.run(format!("{line} --steps 1 --networks 2 --examples 0 --out a --json").split_whitespace());
+    let told = super::text(&output.stderr);
+    assert!(
+        told.contains("network-1.safetensors: trained before") && !told.contains("network-2.safetensors: t"),
+        "{told}"
+    );
+    let again: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&again["psnr_db"], &again["trained"][0]), (&result["psnr_db"], &trained[0]));
+    assert_eq!(std::fs::metadata(bench.path("a/network-1.safetensors")).unwrap().modified().unwrap(), first);
+    assert_ne!(bytes.len(), 0);
+    assert_eq!(std::fs::read(&weights).unwrap().len(), bytes.len());
+    let printed = bench.refused(&format!("{line} --steps 2 --examples 0 --out a"));
+    assert!(printed.contains("a: expected the settings of the networks that are there"), "{printed}");
     let read = bench.json(&format!("{line} --weights a/network-1.safetensors"));
     assert_eq!((&read["networks"], &read["trained"][0]), (&1.into(), &trained[0]));
     for (line, message) in [

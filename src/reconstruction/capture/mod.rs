@@ -16,8 +16,12 @@ use crate::optics::CornerLevel;
 use crate::sensor::Noise;
 use noise::SensorNoise;
 
-/// Longest side of a capture after binning, px.
+/// Shortest and longest side of a capture after binning, px. The noise of a sensor is read from squares of 2 x 2 px.
+const SHORTEST_SIDE_PX: usize = 2;
 const LONGEST_SIDE_PX: usize = 4096;
+/// Least difference of two dark levels that is reported, DN and in standard deviations of the corners of the PSF.
+const LEAST_DARK_DIFFERENCE: f64 = 1.0;
+const DARK_DEVIATIONS: f64 = 5.0;
 /// Pixels at the largest value, and share of all, from which on they are saturated.
 const SATURATED_PIXELS: usize = 16;
 const SATURATED_SHARE: f64 = 1e-4;
@@ -239,11 +243,22 @@ impl CaptureFiles {
                 advice: "use a dark frame of the same camera",
             });
         }
+        let corners = CornerLevel::of(spread.index_axis(Axis(0), 0));
         let level = match (&self.dark, &dark) {
             (Some(DarkLevel::Constant(level)), _) => *level,
             (_, Some(dark)) => dark.iter().map(|&value| f64::from(value)).sum::<f64>() / dark.len() as f64,
-            _ => CornerLevel::of(spread.index_axis(Axis(0), 0)).median,
+            _ => corners.median,
         };
+        let most_apart = LEAST_DARK_DIFFERENCE.max(DARK_DEVIATIONS * corners.sigma);
+        if let Some(DarkLevel::File(path)) = &self.dark
+            && (level - corners.median).abs() > most_apart
+        {
+            notices.push(format!(
+                "{}: its mean is {level:.1} DN, the corners of the PSF have {:.1} DN; check that both have the same black level",
+                path.display(),
+                corners.median
+            ));
+        }
         if self.dark.is_none() && level != 0.0 {
             notices.push(format!("{psf_path}: dark level of {level} from the corners of the PSF; --dark sets another"));
         }
@@ -254,8 +269,8 @@ impl CaptureFiles {
         let spread =
             binned(&spread, self.bin.max(1)).index_axis_move(Axis(0), 0).mapv(|value| f64::from(value.max(0.0)));
         let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
-        if rows.max(cols) > LONGEST_SIDE_PX || rows == 0 || cols == 0 {
-            let expected = format!("1 to {LONGEST_SIDE_PX} px a side");
+        if rows.max(cols) > LONGEST_SIDE_PX || rows.min(cols) < SHORTEST_SIDE_PX {
+            let expected = format!("{SHORTEST_SIDE_PX} to {LONGEST_SIDE_PX} px a side");
             return Err(CaptureError::Size { path, expected, rows, cols, advice: "change --bin" });
         }
         if rows < spread.nrows() || cols < spread.ncols() {

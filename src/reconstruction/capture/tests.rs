@@ -69,6 +69,20 @@ fn colours_are_read_channel_by_channel() {
 }
 
 #[test]
+fn dark_frames_of_another_level_than_the_psf_are_reported() {
+    let bench = Bench::new();
+    let measured = bench.write("y.npy", &[40, 48], |index| 160.5 + (index % 7) as f32);
+    let notices = |level: f32| {
+        let dark = bench.write("dark.npy", &[40, 48], |_| level);
+        let files = CaptureFiles { dark: Some(DarkLevel::File(dark)), ..files(measured.clone(), bench.psf()) };
+        files.open().unwrap().notices
+    };
+    let is_level = |notice: &String| notice.contains("its mean is 64.0 DN, the corners of the PSF have 10.0 DN");
+    assert!(notices(64.0).iter().any(is_level), "{:?}", notices(64.0));
+    assert!(notices(10.5).iter().all(|notice| !notice.contains("black level")), "{:?}", notices(10.5));
+}
+
+#[test]
 fn captures_that_cannot_be_used_are_refused() {
     let bench = Bench::new();
     let psf = bench.psf();
@@ -82,6 +96,11 @@ fn captures_that_cannot_be_used_are_refused() {
     assert!(refusal(&files(dark.clone(), pair)).contains("expected one image, found 2"));
     let small = bench.write("small.npy", &[30, 40], |_| 30.0);
     assert!(refusal(&files(small, psf.clone())).contains("at least the 32 x 32 px of the PSF, found 30 x 40"));
+    let pixel = CaptureFiles {
+        bin: 32,
+        ..files(bench.write("wide.npy", &[40, 40], |index| 50.0 + (index % 3) as f32), psf.clone())
+    };
+    assert!(refusal(&pixel).contains("expected 2 to 4096 px a side, found 1 x 1 px; change --bin"));
     let frame = bench.write("frame.npy", &[20, 20], |_| 3.0);
     let files = CaptureFiles { dark: Some(DarkLevel::File(frame)), ..files(dark, psf) };
     assert!(refusal(&files).contains("expected 40 x 40 px, as the capture, found 20 x 20"));
