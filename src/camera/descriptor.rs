@@ -221,7 +221,7 @@ mod tests {
             ("# nothing\n", "found none"),
             ("d 1\ni a\n\0", "a binary file"),
             ("b 1 0\ni a\n", "expected dark frames"),
-            ("d 1\ni a\n", "light levels, found 0"),
+            ("d 1\ni a\n", "a light level or more, found none"),
         ] {
             let error = read_text(text).unwrap_err().to_string();
             assert!(error.contains(expected) && !error.contains('\n'), "{text:?}: {error}");
