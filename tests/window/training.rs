@@ -36,8 +36,11 @@ fn small_design(folder: &Path) -> Design {
 fn choose_steps(window: &mut Window, steps: usize) {
     click(window, "Reconstruction method");
     click(window, "Trained network");
-    click(window, "Unit of the training budget");
-    click(window, "steps");
+    // The report above may change while the reconstruction is computed, and with it the place of these fields.
+    for name in ["Unit of the training budget", "steps"] {
+        window.get_by_label(name).click_accesskit();
+        window.run_steps(8);
+    }
     type_number(window, "Training budget", &steps.to_string());
 }
 
