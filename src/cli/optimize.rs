@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::optimize_runs::{
     check_effects, check_place, lines_of, optimize, outputs, usual_layouts, usual_score, write,
 };
-use super::optimize_starts::{Ranking, Starts, lines_of_ranked};
+use super::optimize_starts::{MultiStart, Ranking, lines_of_ranked};
 use super::output;
 use super::stop::{StopSignal, is_stopped};
 use crate::design::{Checkpoint, Free, IdealSettings, Objective, Preset, Rates, SettingsFile};
@@ -292,7 +292,7 @@ impl Arguments {
         design: &Design,
         settings: &'a IdealSettings,
         (order, stop): (&'a RunStore, &'a StopSignal),
-    ) -> anyhow::Result<Starts<'a>> {
+    ) -> anyhow::Result<MultiStart<'a>> {
         let count = match &self.start {
             Some(MaskSource::Random(count)) => *count,
             None if self.design.is_none() => USUAL_LENSLETS,
@@ -302,7 +302,7 @@ impl Arguments {
             .map(|number| Start::random(design, count, design.seed.wrapping_add(number)))
             .collect();
         let budget = self.score.and_then(|ScoreChoice(budget)| Some(budget?.0));
-        Ok(Starts { starts, settings, out: self.out(), order, budget, stop })
+        Ok(MultiStart { starts, settings, out: self.out(), order, budget, stop })
     }
 
     /// Prints the results that are there while starts of other tasks have none.

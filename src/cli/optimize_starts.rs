@@ -17,7 +17,7 @@ use crate::studies::plans::Shard;
 use crate::workbench::{IdealRecord, RankedStart, RunQueue, RunStore, Start, score_in_patches, score_whole};
 
 /// Runs from several starts in folders of `out`.
-pub(super) struct Starts<'a> {
+pub(super) struct MultiStart<'a> {
     /// The starts, in their order.
     pub starts: Vec<Start>,
     /// Settings of every run.
@@ -45,7 +45,7 @@ pub(super) struct Ranking {
     pub waiting: Vec<usize>,
 }
 
-impl Starts<'_> {
+impl MultiStart<'_> {
     /// Computes the starts of a share that have no result, each into its folder, and ranks all results where every start has one. A
     /// single task ranks its results without those that failed.
     pub(super) fn rank(&self, shard: Shard) -> anyhow::Result<Ranking> {
@@ -172,7 +172,7 @@ impl Starts<'_> {
     fn stored(&self, at: usize, kept: &RunStore) -> anyhow::Result<Option<(IdealRecord, RankedStart)>> {
         let Some(queue) = kept.last().map(|run| run.queue) else { return Ok(None) };
         if !is_same(&queue, &self.starts[at..=at], self.settings) {
-            return Err(self.other_runs(&start_folder(self.out, at + 1)));
+            return Err(self.other_runs());
         }
         let is_done = queue.settings.steps >= self.settings.steps && queue.budget_seconds == self.budget_seconds();
         let result = queue.ranked.into_iter().next().filter(|_| is_done);
@@ -186,15 +186,15 @@ impl Starts<'_> {
     fn known(&self, order: &RunStore) -> anyhow::Result<Vec<RankedStart>> {
         let Some(last) = order.last().map(|run| run.queue) else { return Ok(Vec::new()) };
         if !is_same(&last, &self.starts, self.settings) {
-            return Err(self.other_runs(self.out));
+            return Err(self.other_runs());
         }
         Ok(if last.budget_seconds == self.budget_seconds() { last.ranked } else { Vec::new() })
     }
 
-    fn other_runs(&self, folder: &Path) -> anyhow::Error {
+    fn other_runs(&self) -> anyhow::Error {
         anyhow::anyhow!(
             "{}: expected the starts and settings of the runs that are there, found others; choose another --out",
-            folder.display()
+            self.out.display()
         )
     }
 

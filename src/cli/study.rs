@@ -15,7 +15,7 @@ use crate::formats::{shell_word, write_safely};
 use crate::plural::counted;
 use crate::studies::plans::{
     BatchScript, CellState, NamedPlan, Shard, StudyFolder, StudyTable, figure_of, named_plans, shards_of_script,
-    write_figure,
+    times_of, write_figure,
 };
 
 /// The batch script in the folder of a study.
@@ -227,7 +227,7 @@ impl SbatchArgs {
         let folder = StudyFolder::begin(plan, &self.out)?;
         let ranks = folder.ranks();
         let mut times = vec![Duration::ZERO; tasks];
-        for (rank, time) in ranks.into_iter().zip(folder.plan().times_of(folder.cells())) {
+        for (rank, time) in ranks.into_iter().zip(times_of(folder.cells())) {
             times[Shard::of(rank, tasks).index] += time;
         }
         let script = BatchScript {

@@ -18,7 +18,7 @@ use crate::plural::counted;
 use crate::studies::StudyError;
 use crate::studies::plans::{
     CORRELATION_HEADER, CSV_HEADER, CellRecord, CellSettings, CellState, Correlation, Plan, PlanEvent, RunSummary,
-    Shard, StudyFolder, StudyTable, figure_of, run_cells, write_figure,
+    Shard, StudyFolder, StudyTable, figure_of, run_cells, times_of, write_figure,
 };
 
 /// Arguments of `study run`.
@@ -130,7 +130,7 @@ fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
     let ids: Vec<String> = cells.iter().map(CellSettings::id).collect();
     let ranks = Shard::ranks(&cells);
     let own: Vec<usize> = (0..cells.len()).filter(|&index| shard.holds(ranks[index])).collect();
-    let time: Duration = plan.times_of(own.iter().map(|&index| &cells[index])).iter().sum();
+    let time: Duration = times_of(own.iter().map(|&index| &cells[index])).iter().sum();
     let mut lines: Vec<String> = own.iter().map(|&index| format!("{}  {}", ids[index], cells[index].name())).collect();
     lines.extend(plan.left_out()?);
     lines.push(format!("{}, about {} on one machine", counted(own.len(), "cell"), format_duration(time)));

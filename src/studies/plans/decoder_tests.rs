@@ -10,7 +10,7 @@ use super::figure::{Quantity, figure_of};
 use super::folder::{CellState, StudyFolder};
 use super::named::NamedPlan;
 use super::paint::svg;
-use super::plan::Plan;
+use super::plan::{Plan, time_of, times_of};
 use super::reconstruction::ReconstructionSettings;
 use super::shard::Shard;
 use super::study_decoder::StudyDecoder;
@@ -123,8 +123,8 @@ fn decoders_share_the_estimate_of_their_mask() {
     let mut plan = scattered(&[StudyDecoder::Absent, LINEAR]);
     plan.axes.mask.truncate(2);
     let folder = begun(plan, place.path());
-    let times = folder.plan().times_of(folder.cells());
-    let alone = folder.plan().time_of(&folder.cells()[0], true);
+    let times = times_of(folder.cells());
+    let alone = time_of(&folder.cells()[0], true);
     assert_eq!((times.len(), times[0], times[2] <= times[0]), (4, alone, true));
     // A task has all cells of its estimates.
     let ranks = folder.ranks();
@@ -235,6 +235,6 @@ fn a_first_look_keeps_all_decoders() {
     let training = |cell: &CellSettings| cell.reconstruction.and_then(|settings| settings.training_seconds);
     let longest = quick.cells().unwrap().iter().filter_map(training).fold(0.0, f64::max);
     assert_eq!(longest, quick.quick.seconds);
-    let times: Duration = quick.times_of(&quick.cells().unwrap()).iter().sum();
+    let times: Duration = times_of(&quick.cells().unwrap()).iter().sum();
     assert!(times < Duration::from_secs(5 * 60), "{times:?}");
 }

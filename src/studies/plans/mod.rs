@@ -35,7 +35,7 @@ pub use figure::{Figure, Panel, Point, Quantity, Series, Tick, figure_of, publis
 pub use folder::{CellState, StudyFolder};
 pub use named::{NamedPlan, named_plans};
 pub use paint::{png, svg, write_figure};
-pub use plan::{Plan, PlotSettings, QuickSettings};
+pub use plan::{Plan, PlotSettings, QuickSettings, times_of};
 pub use reconstruction::ReconstructionSettings;
 pub use run::{PlanEvent, RunSummary, run_cells};
 pub use shard::Shard;

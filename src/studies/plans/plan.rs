@@ -292,23 +292,23 @@ impl Plan {
         let cells = self.axes.expand(&self.sets, &self.estimates, &reconstructions)?;
         Ok(cells.into_iter().partition(CellSettings::decoder_fits))
     }
+}
 
-    /// Estimated times of cells that are computed one after another. The first cell of an estimate has its time; the others share it.
-    pub fn times_of<'a>(&self, cells: impl IntoIterator<Item = &'a CellSettings>) -> Vec<Duration> {
-        let mut estimates = HashSet::new();
-        cells.into_iter().map(|cell| self.time_of(cell, estimates.insert(cell.estimate_id()))).collect()
-    }
+/// Estimated times of cells that are computed one after another. The first cell of an estimate has its time; the others share it.
+pub fn times_of<'a>(cells: impl IntoIterator<Item = &'a CellSettings>) -> Vec<Duration> {
+    let mut estimates = HashSet::new();
+    cells.into_iter().map(|cell| time_of(cell, estimates.insert(cell.estimate_id()))).collect()
+}
 
-    /// Estimated time of a cell: that of its optimizer run and its fits, unless another cell has the same, of its training, and of what
-    /// surrounds them.
-    pub(super) fn time_of(&self, cell: &CellSettings, with_estimate: bool) -> Duration {
-        let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
-        let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or_default();
-        if !with_estimate {
-            return training + AROUND_FITS;
-        }
-        let fits = cell.estimates.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        let trials = if cell.estimator == Estimator::Bracket { 1 } else { cell.estimates.trials as u32 };
-        fits.unwrap_or_default().saturating_mul(trials) + training + time_of_design(cell) + AROUND_FITS
+/// Estimated time of a cell: that of its optimizer run and its fits, unless another cell has the same, of its training, and of what
+/// surrounds them.
+pub(super) fn time_of(cell: &CellSettings, with_estimate: bool) -> Duration {
+    let training = cell.reconstruction.and_then(|settings| settings.training_seconds);
+    let training = training.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()).unwrap_or_default();
+    if !with_estimate {
+        return training + AROUND_FITS;
     }
+    let fits = cell.estimates.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    let trials = if cell.estimator == Estimator::Bracket { 1 } else { cell.estimates.trials as u32 };
+    fits.unwrap_or_default().saturating_mul(trials) + training + time_of_design(cell) + AROUND_FITS
 }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::cell::{CellRecord, CellSettings, StudyMask};
 use super::folder::{CellState, StudyFolder};
 use super::ideal::designed;
+use super::plan::times_of;
 use super::shard::Shard;
 use super::shared::{SharedEstimate, SharedEstimates};
 use crate::evaluation::estimation::estimate_on_patches;
@@ -101,7 +102,7 @@ pub fn run_cells(
     let mut summary = RunSummary { cells: own.len(), before: own.len() - cells, failed: 0 };
     let machine = Machine::here();
     let mut clock = Clock::default();
-    let planned = folder.plan().times_of(todo.iter().map(|&index| &folder.cells()[index]));
+    let planned = times_of(todo.iter().map(|&index| &folder.cells()[index]));
     let mut planned_later: Duration = planned.iter().sum();
     for (done, (&index, &planned)) in todo.iter().zip(&planned).enumerate() {
         let cell = &folder.cells()[index];

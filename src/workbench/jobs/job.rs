@@ -297,12 +297,8 @@ impl Job {
                 Ok(Outcome::Exported { files })
             }
             Self::ExportMeasurements { objects, noiseless, noisy, format, folder } => {
-                let [first, second, third] = MEASUREMENT_STACKS;
-                let measured = [(second, noiseless), (third, noisy)];
-                let [noiseless, noisy] = measured.map(|(name, stack)| (name, stack.view().into_dyn()));
-                let stacks = [(first, objects.view()), noiseless, noisy];
-                let files = stacks::export_measurements(&stacks, *format, folder).map_err(|error| error.to_string())?;
-                Ok(Outcome::Exported { files })
+                let files = export_measurements(objects, [noiseless, noisy], *format, folder);
+                Ok(Outcome::Exported { files: files? })
             }
             Self::ExportView { image, limits, colormap, path } => {
                 colormap.write_png(image.view(), *limits, path).map_err(|error| error.to_string())?;
@@ -343,6 +339,19 @@ impl Job {
             }
         }
     }
+}
+
+/// Writes objects, noiseless and noisy measurements into a folder.
+fn export_measurements(
+    objects: &ArrayD<f32>,
+    measured: [&Array3<f32>; 2],
+    format: MeasurementFormat,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, String> {
+    let [first, second, third] = MEASUREMENT_STACKS;
+    let [noiseless, noisy] = measured.map(|stack| stack.view().into_dyn());
+    let stacks = [(first, objects.view()), (second, noiseless), (third, noisy)];
+    stacks::export_measurements(&stacks, format, folder).map_err(|error| error.to_string())
 }
 
 fn diffuser_name(aperture_px: usize) -> String {
