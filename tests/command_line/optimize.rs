@@ -135,7 +135,7 @@ fn tasks_of_a_job_array_share_the_starts() {
     assert_eq!((&first["shard"], &first["waiting"]), (&json!("1/2"), &json!([1])));
     assert!(!bench.path("a/run.json").exists() && !bench.path("a/start-1").exists(), "{:?}", bench.files());
     let sentence = bench.refused(&format!("{line} --shard 0/2 --free positions"));
-    assert!(sentence.contains("start-2: expected the starts and settings of the runs that are there"), "{sentence}");
+    assert!(sentence.contains("a: expected the starts and settings of the runs that are there"), "{sentence}");
     assert!(bench.refused(&format!("{TINY} --shard 0/2 --out b")).contains("--shard: expected several starts"));
 
     // The environment of a job array names the share of the task that ends last.
