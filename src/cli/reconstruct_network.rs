@@ -12,7 +12,7 @@ use super::failure::Failure;
 use super::output::{self, ProgressLine};
 use crate::formats::{DocumentKind, content_key, json_of, read_bytes, write_safely};
 use crate::forward::Design;
-use crate::information::EngineChoice;
+use crate::information::{EngineChoice, NUMBERS_VERSION};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
@@ -196,6 +196,7 @@ impl NetworkArgs {
         let start = self.weights.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
         let settings = KeptSettings {
             settings: content_key(&serde_json::json!({
+                "program_version": NUMBERS_VERSION,
                 "decoder": decoder.name(),
                 "budget": budget,
                 "any_mask": self.any_mask,

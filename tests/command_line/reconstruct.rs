@@ -73,10 +73,10 @@ fn networks_are_trained_tested_and_read_again() {
     let bytes = std::fs::read(&weights).unwrap();
     std::fs::remove_file(&weights).unwrap();
     let output = bench.run(format!("{line} --steps 1 --networks 2 --examples 0 --out a --json").split_whitespace());
-    let told = super::text(&output.stderr);
+    let reported = super::text(&output.stderr);
     assert!(
-        told.contains("network-1.safetensors: trained before") && !told.contains("network-2.safetensors: t"),
-        "{told}"
+        reported.contains("network-1.safetensors: trained before") && !reported.contains("network-2.safetensors: t"),
+        "{reported}"
     );
     let again: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&again["psnr_db"], &again["trained"][0]), (&result["psnr_db"], &trained[0]));

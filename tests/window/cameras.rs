@@ -255,6 +255,12 @@ fn systems_are_compared_as_by_the_command_line() {
     assert_eq!(known(&window)[0].as_ref().unwrap().mean, sharp.mean);
 }
 
+/// A value from 1 to 9,999 as the window writes it.
+fn three_digits(value: f32) -> String {
+    let decimals = (2 - value.log10().floor() as i32).max(0) as usize;
+    format!("{value:.decimals$}")
+}
+
 #[test]
 fn a_capture_is_shown_beside_the_simulated_measurement_of_the_design() {
     let place = tempfile::tempdir().unwrap();
@@ -269,8 +275,9 @@ fn a_capture_is_shown_beside_the_simulated_measurement_of_the_design() {
     let is_known = |window: &Window| matches!(cameras(window).previews.systems.as_slice(), [Ok(_)]);
     wait_for(&mut window, "the preview", is_known);
     let known = cameras(&window).previews.systems[0].clone().unwrap();
-    let captured =
-        |unit: &str, (low, high): (f32, f32)| format!("First image: 24 x 36 px, {low:.1} to {high:.1} {unit}");
+    let captured = |unit: &str, (low, high): (f32, f32)| {
+        format!("First image: 24 x 36 px, {} to {} {unit}", three_digits(low), three_digits(high))
+    };
     assert!(shows(&window, &captured("grey values", known.range)));
     assert!(shows(&window, "An estimate needs 2 or more"), "a single image is no system");
     type_number(&mut window, "Captures: gain", "2");
@@ -284,7 +291,7 @@ fn a_capture_is_shown_beside_the_simulated_measurement_of_the_design() {
         let image = measurements.value.noisy.index_axis(ndarray::Axis(0), 0);
         let (low, high) = range_of(image);
         let (rows, cols) = image.dim();
-        format!("Simulated measurement: {rows} x {cols} px, {low:.1} to {high:.1} photons")
+        format!("Simulated measurement: {rows} x {cols} px, {} to {} photons", three_digits(low), three_digits(high))
     };
     let before = simulated(&window);
     assert!(shows(&window, &before), "{before}");

@@ -13,7 +13,7 @@ use super::home::at_home;
 use super::waiting::wait_for;
 use super::{Window, answer, click, close, lenslets, open, studio};
 
-/// Two masks before beads of two densities, in fractions of a second.
+/// Two masks imaging beads of two densities, in fractions of a second.
 fn write_plan(folder: &Path) -> PathBuf {
     let mask = vec![StudyMask::heuristic(2), StudyMask::heuristic(5)];
     let axes = Axes {

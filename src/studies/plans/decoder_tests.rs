@@ -24,7 +24,7 @@ const LINEAR: StudyDecoder = StudyDecoder::Kind(DecoderKind::Linear);
 const VARIATION: StudyDecoder = StudyDecoder::Kind(DecoderKind::TotalVariation);
 const POSTERIOR: StudyDecoder = StudyDecoder::Kind(DecoderKind::Posterior);
 
-/// Three layouts before beads of one density, as the plan of decoders draws them.
+/// Three layouts imaging beads of one density, as the plan of decoders draws them.
 fn scattered(decoder: &[StudyDecoder]) -> Plan {
     let mut plan = small();
     plan.axes.mask = [1, 4, 6].map(StudyMask::heuristic).into();

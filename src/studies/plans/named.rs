@@ -22,7 +22,7 @@ const DENSITIES: [&str; 24] = [
 ];
 /// Densities of beads with a constant photon count.
 const DENSE: [&str; 12] = ["0.005", "0.01", "0.02", "0.03", "0.05", "0.08", "0.11", "0.15", "0.2", "0.3", "0.4", "0.5"];
-/// Densities behind a diffuser: those of the published sweep to 0.02, and denser ones, where information begins to fall.
+/// Densities behind a diffuser: the published range to 0.02, and denser ones, where information begins to fall.
 const SPARSE: [&str; 12] =
     ["0.002", "0.003", "0.004", "0.005", "0.006", "0.008", "0.01", "0.013", "0.02", "0.03", "0.04", "0.05"];
 /// Densities around the transition from sparse to dense scenes.

@@ -255,10 +255,11 @@ impl Plan {
     /// [`StudyError`] names the first setting that cannot be computed, and objects that no decoder of the plan fits.
     pub fn cells(&self) -> Result<Vec<CellSettings>, StudyError> {
         let (cells, left_out) = self.crossed()?;
-        for cell in &left_out {
-            if !cells.iter().any(|other| other.objects == cell.objects) {
-                cell.check()?;
-            }
+        // Objects change slowest.
+        let mut with_cells: Vec<_> = cells.iter().map(|cell| &cell.objects).collect();
+        with_cells.dedup();
+        for cell in left_out.iter().filter(|cell| !with_cells.contains(&&cell.objects)) {
+            cell.check()?;
         }
         for cell in &cells {
             cell.check()?;

@@ -25,7 +25,7 @@ use crate::reconstruction::DecoderKind;
 use crate::sensor::PatchSize;
 use crate::studies::error::StudyError;
 
-/// Two layouts before beads of two densities.
+/// Two layouts imaging beads of two densities.
 pub(super) fn small() -> Plan {
     let mask = vec![StudyMask::heuristic(1), StudyMask::heuristic(4)];
     let axes = Axes {

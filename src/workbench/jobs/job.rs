@@ -95,7 +95,7 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
-    /// Makes a diffuser behind an aperture that blocks the light outside, which takes a second on a large grid.
+    /// Makes a diffuser behind an aperture that blocks the light outside, which takes long on a large grid.
     MakeDiffuser {
         /// Side of the aperture on the published grid, pixels.
         aperture_px: usize,

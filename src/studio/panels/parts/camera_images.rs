@@ -1,6 +1,6 @@
 //! The first capture of a system, and beside it a simulated measurement of the design.
 
-use egui::{Label, RichText, Ui, vec2};
+use egui::{Align, Label, RichText, Ui, vec2};
 use ndarray::ArrayView2;
 
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion, ImageView};
@@ -11,6 +11,7 @@ use crate::studio::state::request::Request;
 use crate::studio::state::samples::{ShownSample, measurement_of};
 use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{rest_of_panel, toolbar};
+use crate::studio::widgets::format::format_significant;
 use crate::workbench::{CapturePreview, range_of};
 
 /// Size of the texts, points.
@@ -53,7 +54,7 @@ fn capture(
     height: Option<f32>,
     (view, requests): (&View<'_>, &mut Vec<Request>),
 ) {
-    let mean = format!("; mean of all {:.1}", preview.mean);
+    let mean = format!("; mean of all {}", format_significant(preview.mean));
     let values = preview.image.view();
     caption(ui, "First image", values, preview.range, &format!("{}{mean}", preview.unit.name()));
     let content = ImageContent { values, version, is_stale: false };
@@ -81,8 +82,10 @@ fn simulated(ui: &mut Ui, form: &mut CapturesForm, height: Option<f32>, view: &V
 /// Name, size and range of an image.
 fn caption(ui: &mut Ui, what: &str, values: ArrayView2<'_, f32>, (low, high): (f32, f32), unit: &str) {
     let (rows, cols) = values.dim();
-    let text = format!("{what}: {rows} x {cols} px, {low:.1} to {high:.1} {unit}");
-    ui.add(Label::new(RichText::new(text).size(TEXT)).wrap());
+    let [low, high] = [low, high].map(|value| format_significant(f64::from(value)));
+    let text = format!("{what}: {rows} x {cols} px, {low} to {high} {unit}");
+    // Columns would stretch the lines to their width.
+    ui.add(Label::new(RichText::new(text).size(TEXT)).wrap().halign(Align::LEFT));
 }
 
 /// An image of this height, or down to the end of the panel.
