@@ -1,6 +1,6 @@
 //! The first capture of a system, and beside it a simulated measurement of the design.
 
-use egui::{Align, Label, RichText, Ui, vec2};
+use egui::{Align, Label, Layout, RichText, Ui, vec2};
 use ndarray::ArrayView2;
 
 use crate::studio::canvas::image_view::{ImageContent, ImageVersion, ImageView};
@@ -84,8 +84,8 @@ fn caption(ui: &mut Ui, what: &str, values: ArrayView2<'_, f32>, (low, high): (f
     let (rows, cols) = values.dim();
     let [low, high] = [low, high].map(|value| format_significant(f64::from(value)));
     let text = format!("{what}: {rows} x {cols} px, {low} to {high} {unit}");
-    // Columns would stretch the lines to their width.
-    ui.add(Label::new(RichText::new(text).size(TEXT)).wrap().halign(Align::LEFT));
+    // Columns justify their lines; these stay as they are.
+    ui.with_layout(Layout::top_down(Align::LEFT), |ui| ui.add(Label::new(RichText::new(text).size(TEXT)).wrap()));
 }
 
 /// An image of this height, or down to the end of the panel.
