@@ -9,7 +9,7 @@
 //!
 //! | floor | modules | hold |
 //! |---|---|---|
-//! | 0 | [`plural`], [`seeds`], [`progress`] | counts in words; seeds of every random draw; progress and cancellation |
+//! | 0 | [`plural`], [`percentile`], [`seeds`], [`progress`] | counts in words; percentiles; seeds of every random draw; progress and cancellation |
 //! | 0 | [`formats`] | arrays, images, tables, documents; atomic writes, the writer thread, locks |
 //! | 1 | [`optics`], [`objects`], [`sensor`], [`sparsity`] | point spread functions; object sets; measurements; Tamura coefficient |
 //! | 1 | [`nn`] | building blocks of neural networks on the CPU; knows no optics |
@@ -44,6 +44,7 @@ pub mod information;
 pub mod nn;
 pub mod objects;
 pub mod optics;
+pub mod percentile;
 pub mod plural;
 pub mod prelude;
 pub mod progress;

@@ -22,6 +22,8 @@ const PRNU_RANGE: std::ops::RangeInclusive<f64> = 0.1..=0.9;
 const MOST_FLICKER: f64 = 0.05;
 /// Most pixels that are listed one by one.
 const MOST_LISTED: usize = 1000;
+/// Largest share of dark values at 0 where the noise counts as complete (EMVA 1288).
+const MOST_CUT_OFF: f64 = 0.005;
 /// Side of the blocks whose means are shading.
 const SHADING_PX: usize = 8;
 
@@ -193,7 +195,8 @@ pub fn calibrate(
     let steps = TransferSeries { path: &series.path, darks: dark.steps.clone(), lights: steps, step, top };
     let transfer = steps.evaluate()?;
     notes.extend(transfer.notes.iter().cloned());
-    notes.extend(dark.note());
+    notes.extend(dark.hot_pixel_note());
+    notes.extend(dark.cut_off_note());
     let flat = match flat_level(&transfer) {
         Some(level) => Some((transfer.levels[level].signal_dn, reading.read(lights[level])?)),
         None => None,
@@ -237,7 +240,19 @@ impl DarkFrames {
         Ok(Self { steps, map: stacks.swap_remove(best), outliers, counts, noise_of_all })
     }
 
-    fn note(&self) -> Option<String> {
+    /// A note on noise that is cut off at a value of 0, as with too small an offset of the camera.
+    fn cut_off_note(&self) -> Option<String> {
+        let FrameStack { zero_share, range, .. } = self.map;
+        (range.0 >= 0.0 && zero_share > MOST_CUT_OFF).then(|| {
+            format!(
+                "{:.1} % of the dark values are 0, where the camera cuts its noise off: temporal dark noise and the range of dark \
+                 signals are at least the values given; record with a larger offset (black level)",
+                100.0 * zero_share
+            )
+        })
+    }
+
+    fn hot_pixel_note(&self) -> Option<String> {
         let hot = self.outliers.above.len();
         (hot > 0).then(|| {
             format!(

@@ -25,6 +25,8 @@ pub(super) struct FrameStack {
     pub(super) frame_means: (f64, f64),
     /// Smallest and largest value.
     pub(super) range: (f32, f32),
+    /// Share of the values that are 0.
+    pub(super) zero_share: f64,
 }
 
 /// Number type and size of all frames of a series, and the first file.
@@ -122,6 +124,7 @@ struct Sums {
     means: f64,
     frame_means: (f64, f64),
     range: (f32, f32),
+    zeros: usize,
 }
 
 impl Sums {
@@ -138,6 +141,7 @@ impl Sums {
             means: 0.0,
             frame_means: (f64::INFINITY, f64::NEG_INFINITY),
             range: (f32::INFINITY, f32::NEG_INFINITY),
+            zeros: 0,
         }
     }
 
@@ -152,6 +156,7 @@ impl Sums {
             *sum += difference;
             *squares += difference * difference;
             self.range = (self.range.0.min(value), self.range.1.max(value));
+            self.zeros += usize::from(value == 0.0);
         }
     }
 
@@ -171,6 +176,7 @@ impl Sums {
             variance: variance.map(|variance: f64| variance.max(0.0)).collect(),
             frame_means: self.frame_means,
             range: self.range,
+            zero_share: self.zeros as f64 / (frames * pixels),
         }
     }
 }

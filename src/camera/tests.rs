@@ -103,6 +103,22 @@ fn sensors_that_round_their_noise_away_are_clamped() {
 }
 
 #[test]
+fn dark_noise_that_is_cut_off_at_0_is_noted() {
+    // With an offset of one standard deviation 18.4 % of a Gaussian are rounded to 0 or cut off there.
+    for (offset, is_cut_off) in [(5.0, true), (30.0, false)] {
+        let sensor = SimulatedSensor { gain: 1.0, dark_noise: 5.0, dsnu: 0.0, offset, ..SimulatedSensor::default() };
+        let CalibratedCamera { calibration: found, .. } = sensor.calibrated(12, 4);
+        let note = found.notes.iter().find(|note| note.contains("cuts its noise off"));
+        assert_eq!(note.is_some(), is_cut_off, "{:?}", found.notes);
+        if let Some(note) = note {
+            let percent: f64 = note.split(' ').next().unwrap().parse().unwrap();
+            assert!((percent - 18.4).abs() < 1.0, "{note}");
+            assert!(found.temporal_dark_noise_electrons < 4.8, "{found:?}");
+        }
+    }
+}
+
+#[test]
 fn bent_sensors_have_a_linearity_error_and_a_note() {
     let sensor = SimulatedSensor { bend: 0.05, bits: 14, full_well: 20_000.0, ..SimulatedSensor::default() };
     let CalibratedCamera { calibration: found, .. } = sensor.calibrated(20, 4);

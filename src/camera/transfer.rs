@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::error::CameraError;
 use super::frames::{BlockSums, Moments};
 use super::line::{Line, slope_through_origin};
+use crate::percentile::interval_95;
 use crate::plural::{counted, one_or_many};
 
 /// Share of the saturation up to which the gain is fitted.
@@ -355,18 +356,6 @@ fn bend(points: &[[f64; 2]], gain: f64, relative_error: impl Fn(usize) -> f64) -
     })
 }
 
-/// The 2.5 and 97.5 percentiles.
-fn interval_95(mut values: Vec<f64>) -> [f64; 2] {
-    values.sort_by(f64::total_cmp);
-    let last = values.len().saturating_sub(1) as f64;
-    [0.025, 0.975].map(|share| {
-        let position = share * last;
-        let below = position.floor() as usize;
-        let above = (below + 1).min(values.len().saturating_sub(1));
-        values[below] + position.fract() * (values[above] - values[below])
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -385,11 +374,5 @@ mod tests {
         assert_eq!(bend(&curve(0.0), 1.0, |_| 0.001), None);
         assert!(bend(&curve(0.01), 0.95, |_| 0.001).unwrap().contains("bent by -10.0 %"));
         assert_eq!(bend(&curve(0.01), 0.95, |_| 0.5), None);
-    }
-
-    #[test]
-    fn percentiles_interpolate() {
-        let found = interval_95((0..=100).map(f64::from).collect());
-        assert!((found[0] - 2.5).abs() < 1e-12 && (found[1] - 97.5).abs() < 1e-12);
     }
 }

@@ -16,7 +16,7 @@ use crate::evaluation::equal_light::EqualLight;
 use crate::evaluation::estimation::{TrialContext, network_trial};
 use crate::evaluation::level_limit::LevelLimit;
 use crate::evaluation::measured_checks::{
-    BELOW_ZERO_SATURATED, SATURATED, SPLIT, WRAPPED, below_zero, few_images_note, few_photons_note, neighbour_note,
+    BELOW_ZERO_SATURATED, GreyNotes, below_zero, few_images_note, few_photons_note, neighbour_note,
 };
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;
@@ -91,6 +91,7 @@ pub struct MeasuredImages {
     /// Gain, offset and bins.
     pub(crate) calibration: Calibration,
     pub(crate) origins: Origins,
+    pub(crate) grey_notes: GreyNotes,
     pub(crate) notes: Vec<String>,
     pub(crate) understood: String,
 }
@@ -123,15 +124,6 @@ pub(crate) struct FoldResult {
     pub(crate) estimate: Estimate,
     pub(crate) information: Vec<f64>,
     pub(crate) images: Vec<u32>,
-}
-
-/// Puts the notes on saturated and wrapped pixels first: they spoil any estimate.
-fn grave_first(notes: &mut Vec<String>) {
-    let is_grave = |note: &String| note.contains(SATURATED) || note.contains(WRAPPED);
-    if let Some(place) = notes.iter().position(is_grave) {
-        let note = notes.remove(place);
-        notes.insert(0, note);
-    }
 }
 
 /// Noisy images, and clean ones where they are known, shape (n, rows, cols).
@@ -213,7 +205,8 @@ impl MeasuredImages {
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Estimate, TestPatches), MeasuredError> {
         let prepared = self.prepare(request, conditions)?;
-        let FoldResult { estimate, information, images } = self.estimate_fold(request, &prepared, 0, progress)?;
+        let FoldResult { mut estimate, information, images } = self.estimate_fold(request, &prepared, 0, progress)?;
+        estimate.notes.push(self.describe_split());
         Ok((estimate, TestPatches { information, images: SharedImages::one_each(images) }))
     }
 
@@ -259,7 +252,6 @@ impl MeasuredImages {
         let &Prepared { conditions, noise, patch, ref stacks, ref fingerprint, ref notes } = prepared;
         let MeasuredConditions { noise: stated, light, seed } = conditions;
         let (images, rows, cols) = self.photons.dim();
-        let mut notes = notes.clone();
         let test_images = self.test_images();
         // All trials share the test patches: the smallest of estimates on different scenes would be that of the dullest scene.
         let test_seed = SeedStream::TestPatches.derive(seed);
@@ -292,11 +284,6 @@ impl MeasuredImages {
                 })
             })?);
         }
-        notes.push(format!(
-            "{SPLIT} {}, training patches from {}",
-            counted(test_images, "image"),
-            counted(images - test_images, "other image")
-        ));
         let scenes =
             format!("the scenes of {} ({} of {rows} x {cols} px)", self.path.display(), counted(images, "image"));
         let provenance = Provenance {
@@ -306,13 +293,13 @@ impl MeasuredImages {
             encoder: "unknown mask".into(),
             throughput: None,
             ceiling: None,
-            notes,
+            notes: notes.clone(),
         };
         let mut estimate = Estimate::new(&trials, provenance)?;
         if light.is_none() {
             self.check(&mut estimate, stated);
         }
-        grave_first(&mut estimate.notes);
+        estimate.notes.splice(0..0, self.grey_notes.grave());
         estimate.noise = stated;
         estimate.seconds = start.elapsed().as_secs_f64().max(kept.seconds());
         let smallest = trials.iter().min_by(|one, other| one.bits_per_pixel().total_cmp(&other.bits_per_pixel()));
@@ -320,6 +307,16 @@ impl MeasuredImages {
         let places = Patches::draw((test_images, rows, cols), patch, information.len(), test_seed)?;
         let images = places.corners().iter().map(|&(image, ..)| test[image] as u32).collect();
         Ok(FoldResult { estimate, information, images })
+    }
+
+    /// A note on the numbers of test and training images.
+    pub(crate) fn describe_split(&self) -> String {
+        let (images, test) = (self.photons.len_of(Axis(0)), self.test_images());
+        format!(
+            "test patches were cut from {}, training patches from {}",
+            counted(test, "image"),
+            counted(images - test, "other image")
+        )
     }
 
     /// Number of images that are held out.
@@ -331,7 +328,7 @@ impl MeasuredImages {
     fn check(&self, estimate: &mut Estimate, noise: Noise) {
         if estimate.interval_95[1] < 0.0 {
             estimate.notes.retain(|note| !note.contains("the estimate is negative"));
-            let note = if estimate.notes.iter().any(|note| note.contains(SATURATED)) {
+            let note = if self.grey_notes.saturated.is_some() {
                 BELOW_ZERO_SATURATED.into()
             } else {
                 below_zero(self.photons.view(), self.calibration, self.origins, noise)

@@ -28,30 +28,42 @@ const TABLE: usize = 24;
 const DEQUANTISATION: f64 = 1.0 / 12.0;
 const SEED: u64 = 9;
 
-/// Part of the note on saturated pixels.
-pub(crate) const SATURATED: &str = "the largest value: they are saturated";
-/// Part of the note on values that wrapped around zero.
-pub(crate) const WRAPPED: &str = "negative values wrapped around zero";
-/// Beginning of the note on the numbers of test and training images.
-pub(crate) const SPLIT: &str = "test patches were cut from";
 /// The sentence on an estimate below zero of saturated images.
 pub(crate) const BELOW_ZERO_SATURATED: &str = "error: the estimate is below zero by more than its interval, as saturated pixels do \
                                                not vary; record images of less light";
 /// Largest share of saturated pixels of an estimate that can be relied on.
 const MANY_SATURATED: f64 = 0.01;
 
-/// Notes on grey values, the gravest first.
-pub(crate) fn grey_notes(values: &GreyValues) -> Vec<String> {
+/// Notes on grey values.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct GreyNotes {
+    /// On saturated pixels.
+    pub(crate) saturated: Option<String>,
+    /// On values that wrapped around zero.
+    pub(crate) wrapped: Option<String>,
+    /// On the distance of grey values.
+    pub(crate) steps: Option<String>,
+}
+
+impl GreyNotes {
+    /// Notes that spoil any estimate.
+    pub(crate) fn grave(&self) -> impl Iterator<Item = String> {
+        self.saturated.clone().into_iter().chain(self.wrapped.clone())
+    }
+}
+
+/// Notes on grey values.
+pub(crate) fn grey_notes(values: &GreyValues) -> GreyNotes {
     let wrapped = values.wrapped();
     // The top of wrapped values is no saturation.
     let saturated = values.saturated().filter(|_| wrapped.is_none()).map(|Saturated { share, value }| {
         let advice = if share > MANY_SATURATED { ", and the estimate is not to be relied on" } else { "" };
-        format!("{:.1} % of the pixels are at {value}, {SATURATED}{advice}", 100.0 * share)
+        format!("{:.1} % of the pixels are at {value}, the largest value: they are saturated{advice}", 100.0 * share)
     });
     let wrapped = wrapped.map(|Wrapped { share, above, median }| {
         format!(
-            "{:.1} % of the values lie above {above} while the median is {median}: {WRAPPED}; subtract the dark level in signed \
-             numbers or floats",
+            "{:.1} % of the values lie above {above} while the median is {median}: negative values wrapped around zero; subtract \
+             the dark level in signed numbers or floats",
             100.0 * share
         )
     });
@@ -59,7 +71,7 @@ pub(crate) fn grey_notes(values: &GreyValues) -> Vec<String> {
         .step()
         .filter(|step| *step > 1.0)
         .map(|step| format!("all grey values are {step} apart, as of fewer bits that were shifted"));
-    [saturated, wrapped, steps].into_iter().flatten().collect()
+    GreyNotes { saturated, wrapped, steps }
 }
 
 /// A note on the share of the variance that is the same in all images.

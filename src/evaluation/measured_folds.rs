@@ -1,7 +1,6 @@
 //! Estimates of few images by cross-validation: every image is a test image once.
 
 use crate::evaluation::measured::{FoldResult, MeasuredConditions, MeasuredImages};
-use crate::evaluation::measured_checks::SPLIT;
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::progress::EstimateProgress;
 use crate::evaluation::request::EstimateRequest;
@@ -26,7 +25,10 @@ impl MeasuredImages {
         progress: &mut (dyn Progress<EstimateProgress> + Send),
     ) -> Result<(Estimate, TestPatches), MeasuredError> {
         let images = self.photons().dim().0;
-        let folds = if images <= FEW_IMAGES { images.div_ceil(self.test_images()) } else { 1 };
+        if images > FEW_IMAGES {
+            return self.estimate_patches(request, conditions, progress);
+        }
+        let folds = images.div_ceil(self.test_images());
         let prepared = self.prepare(request, conditions)?;
         let mut results = Vec::new();
         for fold in 0..folds {
@@ -51,22 +53,18 @@ fn pooled(results: Vec<FoldResult>, seed: u64) -> Result<(Estimate, TestPatches)
     }
     let Some(mut estimate) = first else { return Err(InformationError::Empty.into()) };
     let images = SharedImages::one_each(images);
-    if folds > 1.0 {
-        // The difference from no information at all.
-        let none = TestPatches { information: vec![0.0; information.len()], images: images.clone() };
-        if let Some(found) = PairedDifference::new(&information, &none, seed)? {
-            estimate.bits_per_pixel = found.bits_per_pixel;
-            estimate.bits_per_patch = found.bits_per_pixel * estimate.pixels();
-            estimate.interval_95 = found.interval_95;
-        }
-        (estimate.entropy_y, estimate.entropy_y_given_x, estimate.seconds) = (entropy_y, entropy_y_given_x, seconds);
-        estimate.patches_test = information.len();
-        let is_of_split = |note: &String| note.starts_with(SPLIT) || note.contains("images in all");
-        estimate.notes.retain(|note| !is_of_split(note));
-        estimate.notes.push(format!(
-            "cross-validation: all {} were tested in {folds} parts, each by models of the others",
-            counted(images.images(), "image")
-        ));
+    // The difference from no information at all.
+    let none = TestPatches { information: vec![0.0; information.len()], images: images.clone() };
+    if let Some(found) = PairedDifference::new(&information, &none, seed)? {
+        estimate.bits_per_pixel = found.bits_per_pixel;
+        estimate.bits_per_patch = found.bits_per_pixel * estimate.pixels();
+        estimate.interval_95 = found.interval_95;
     }
+    (estimate.entropy_y, estimate.entropy_y_given_x, estimate.seconds) = (entropy_y, entropy_y_given_x, seconds);
+    estimate.patches_test = information.len();
+    estimate.notes.push(format!(
+        "cross-validation: all {} were tested in {folds} parts, each by models of the others",
+        counted(images.images(), "image")
+    ));
     Ok((estimate, TestPatches { information, images }))
 }

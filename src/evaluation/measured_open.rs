@@ -104,7 +104,8 @@ impl MeasuredImages {
         let taken = colour.map_or(String::new(), |colour| format!("; taken: {colour}"));
         let understood = format!("{}: {understood}; {values}{taken}", path.display());
         report_understood(progress, &understood)?;
-        let mut notes = grey_notes(&values);
+        let grey_notes = grey_notes(&values);
+        let mut notes: Vec<String> = grey_notes.steps.iter().cloned().collect();
         notes.push(understood.clone());
         notes.push(options.describe(&calibration));
         notes.extend(options.view.describe());
@@ -121,7 +122,7 @@ impl MeasuredImages {
             step: values.step().unwrap_or(1.0) / calibration.constants.gain,
         });
         let (path, calibration) = (path.to_path_buf(), calibration.constants);
-        Ok(Self { photons, path, limit, calibration, origins, notes, understood })
+        Ok(Self { photons, path, limit, calibration, origins, grey_notes, notes, understood })
     }
 }
 

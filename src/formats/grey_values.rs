@@ -105,7 +105,7 @@ impl GreyValues {
 
     /// Pixels at the largest value, where it is that of the number type or many more have it than the values before it.
     pub fn saturated(&self) -> Option<Saturated> {
-        let (_, value) = self.range?;
+        let (low, value) = self.range?;
         let share = self.at_most as f64 / self.count as f64;
         let is_white = self.white.is_some_and(|white| value >= f32::from(white));
         let step = self.step().unwrap_or(1.0) as usize;
@@ -114,8 +114,8 @@ impl GreyValues {
         // Floats of many values meet at the largest one only by a limit.
         let is_pile = most_before.map_or(self.is_fractional, |most| self.at_most > PILE * most.max(1));
         let is_many = self.at_most >= SATURATED_PIXELS && share >= SATURATED_SHARE;
-        (is_many && (is_white || is_pile) && self.levels().is_none_or(|levels| levels > 2.0))
-            .then_some(Saturated { share, value })
+        let has_levels = low < value && self.levels().is_none_or(|levels| levels > 2.0);
+        (is_many && (is_white || is_pile) && has_levels).then_some(Saturated { share, value })
     }
 
     /// Pixels near the top of an unsigned number type, while the median is near its bottom and few lie between.

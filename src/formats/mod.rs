@@ -25,6 +25,8 @@ mod orientation;
 mod raster;
 mod raw_array;
 mod samples;
+#[cfg(test)]
+mod scratch;
 mod shell_word;
 mod stack;
 mod tables;
@@ -55,6 +57,8 @@ pub use orientation::turned;
 pub use raster::{complete_png_rgb, complete_png8, complete_png16, write_png_rgb, write_png8, write_png16};
 pub(crate) use samples::bits_of;
 pub use samples::{GREY_WEIGHTS, PixelStack, Samples};
+#[cfg(test)]
+pub(crate) use scratch::Scratch;
 pub use shell_word::{shell_quoted, shell_word};
 pub use stack::{read_grey, read_stack};
 pub use tables::{complete_csv, complete_json, read_json, write_csv, write_csv_text, write_json};

@@ -40,7 +40,7 @@ pub use jobs::commands::{
     bounds_command, capture_command, comparison_command, estimate_command, images_command, reconstruct_command,
     reproduce_command, run_command,
 };
-pub use jobs::job::Job;
+pub use jobs::job::{DiffuserOrigin, Job};
 pub use jobs::outcome::Outcome;
 pub use jobs::record::{Record, RecordError};
 pub use jobs::worker::Worker;

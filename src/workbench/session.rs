@@ -24,7 +24,7 @@ use crate::workbench::captures::queue::CaptureQueue;
 use crate::workbench::document::autosave::{Autosave, Recovered};
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
-use crate::workbench::jobs::job::Job;
+use crate::workbench::jobs::job::{DiffuserOrigin, Job};
 use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::jobs::worker::Worker;
 use crate::workbench::live::inspection::InspectionRequest;
@@ -404,7 +404,15 @@ impl Session {
     /// Makes a diffuser on the PSF grid of the design. It replaces the mask, unless the design changes before.
     pub fn make_diffuser(&self, aperture_px: usize) {
         let (seed, (rows, cols)) = (self.open_design().seed, self.open_design().encoder.grid());
-        self.submit(Job::MakeDiffuser { aperture_px, seed, grid_px: rows.min(cols), replaces: self.contents });
+        let origin = DiffuserOrigin::Aperture { aperture_px, seed };
+        self.submit(Job::MakeDiffuser { origin, grid_px: rows.min(cols), replaces: self.contents });
+    }
+
+    /// Sets the PSF grid of a diffuser, in a job; that of lenslets is changed at once by [`Command::SetGrid`].
+    pub fn resize_diffuser(&self, grid_px: usize) {
+        let Encoder::Diffuser(diffuser) = self.open_design().encoder else { return };
+        let origin = DiffuserOrigin::OtherGrid(diffuser);
+        self.submit(Job::MakeDiffuser { origin, grid_px, replaces: self.contents });
     }
 
     /// Fits lenslets to the PSF of a mask without lenslets. They replace the mask, unless it changes before.

@@ -5,6 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::student_t::student_95;
 use crate::information::error::InformationError;
+use crate::percentile::interval_95;
 
 /// Resamplings of each of the two terms.
 const RESAMPLINGS: u64 = 100;
@@ -35,9 +36,7 @@ pub fn bootstrap_interval(
     }
     let first = resampled_means(cross_entropy, RESAMPLINGS, seed, FIRST_STREAM);
     let second = resampled_means(entropy_y_given_x, RESAMPLINGS, seed, FIRST_STREAM + RESAMPLINGS);
-    let mut differences: Vec<f64> = first.iter().flat_map(|a| second.iter().map(move |b| a - b)).collect();
-    differences.sort_by(f64::total_cmp);
-    Ok([percentile(&differences, 0.025), percentile(&differences, 0.975)])
+    Ok(interval_95(first.iter().flat_map(|a| second.iter().map(move |b| a - b)).collect()))
 }
 
 /// 95 % interval of the mean of `information`, the information of each test patch in bits per pixel: its cross-entropy minus
@@ -57,12 +56,11 @@ pub fn paired_interval(information: &[f64], seed: u64) -> Result<[f64; 2], Infor
     if let Some(patch) = information.iter().position(|value| !value.is_finite()) {
         return Err(InformationError::NotFinite { what: "differences of log-densities", patch });
     }
-    let mut means = resampled_means(information, PAIRED_RESAMPLINGS, seed, FIRST_STREAM + 2 * RESAMPLINGS);
-    means.sort_by(f64::total_cmp);
+    let means = resampled_means(information, PAIRED_RESAMPLINGS, seed, FIRST_STREAM + 2 * RESAMPLINGS);
     let n = information.len() as f64;
     let mean = information.iter().sum::<f64>() / n;
     let stretch = if n > 1.0 { student_95(n - 1.0) / student_95(f64::INFINITY) * (n / (n - 1.0)).sqrt() } else { 1.0 };
-    Ok([0.025, 0.975].map(|share| mean + stretch * (percentile(&means, share) - mean)))
+    Ok(interval_95(means).map(|end| mean + stretch * (end - mean)))
 }
 
 /// Means of as many draws with replacement as there are values; one random stream for each.
@@ -75,14 +73,6 @@ fn resampled_means(values: &[f64], resamplings: u64, seed: u64, first_stream: u6
             sum / values.len() as f64
         })
         .collect()
-}
-
-/// The value below which the given share of sorted values lies, interpolated between neighbours.
-fn percentile(sorted: &[f64], share: f64) -> f64 {
-    let position = share * (sorted.len() - 1) as f64;
-    let below = position as usize;
-    let above = (below + 1).min(sorted.len() - 1);
-    sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
 }
 
 #[cfg(test)]
@@ -154,12 +144,5 @@ mod tests {
             let covered = (0..400).filter(covers).count();
             assert!((372..=398).contains(&covered), "{count} patches: {covered} of 400");
         }
-    }
-
-    #[test]
-    fn percentiles_interpolate() {
-        let sorted = [0.0, 1.0, 2.0, 3.0, 4.0];
-        assert!((percentile(&sorted, 0.025) - 0.1).abs() < 1e-12);
-        assert!((percentile(&sorted, 0.975) - 3.9).abs() < 1e-12);
     }
 }

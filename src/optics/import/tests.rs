@@ -1,28 +1,13 @@
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use ndarray::{Array2, ArrayD, IxDyn};
+use ndarray::Array2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::*;
+use crate::formats::Scratch;
 use crate::optics::modulation_transfer;
-
-/// A folder with the photographs of a test.
-struct Bench(tempfile::TempDir);
-
-impl Bench {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn write(&self, name: &str, shape: &[usize], value: impl Fn(usize) -> f32) -> PathBuf {
-        let path = self.0.path().join(name);
-        let values = (0..shape.iter().product::<usize>()).map(value).collect();
-        formats::write_array(&path, ArrayD::from_shape_vec(IxDyn(shape), values).unwrap().view()).unwrap();
-        path
-    }
-}
 
 fn import(path: &Path, query: &str) -> Result<ImportedPsf, PsfError> {
     import_psf(Path::new(&format!("{}{query}", path.display())), None)
@@ -44,8 +29,8 @@ fn spots(cols: usize, level: f32, noise: f32) -> impl Fn(usize) -> f32 {
 
 #[test]
 fn black_level_is_reported_and_subtracted_where_it_is_asked_for() {
-    let bench = Bench::new();
-    let path = bench.write("psf.npy", &[32, 32], spots(32, 256.0, 2.0));
+    let scratch = Scratch::new();
+    let path = scratch.write("psf.npy", &[32, 32], spots(32, 256.0, 2.0));
     let plain = import(&path, "").unwrap();
     let suspected = plain.report.suspected.unwrap();
     assert!((suspected.share - 0.956).abs() < 0.01, "{suspected:?}");
@@ -64,12 +49,12 @@ fn black_level_is_reported_and_subtracted_where_it_is_asked_for() {
 
 #[test]
 fn slightly_negative_pixels_become_0_and_others_are_named() {
-    let bench = Bench::new();
-    let path = bench.write("psf.npy", &[32, 32], spots(32, 0.0, 2.0));
+    let scratch = Scratch::new();
+    let path = scratch.write("psf.npy", &[32, 32], spots(32, 0.0, 2.0));
     let imported = import(&path, "").unwrap();
     assert!(imported.image.psf.iter().all(|&value| value >= 0.0));
     assert!(sentences(&path, "").contains("slightly negative pixels (down to -2) were set to 0"));
-    let broken = bench.write("nan.npy", &[8, 8], |index| if index == 19 { f32::NAN } else { 1.0 });
+    let broken = scratch.write("nan.npy", &[8, 8], |index| if index == 19 { f32::NAN } else { 1.0 });
     for query in ["", "?dark=corners", "@4"] {
         let error = import(&broken, query).unwrap_err().to_string();
         assert!(error.contains("expected finite light, found NaN at row 2, column 3; replace"), "{error}");
@@ -78,13 +63,13 @@ fn slightly_negative_pixels_become_0_and_others_are_named() {
 
 #[test]
 fn light_that_is_cut_off_is_reported_with_what_keeps_it() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let wide = |index: usize| match (index / 64, index % 64) {
         (_, 2 | 61) => 1.0,
         (24, _) => 0.5,
         _ => 0.0,
     };
-    let path = bench.write("wide.npy", &[48, 64], wide);
+    let path = scratch.write("wide.npy", &[48, 64], wide);
     let reported = sentences(&path, "@32");
     assert!(
         reported.contains("areas of 1.50 x 1.50 px hold 19 % of the light, 81 % is cut off; ?window=auto"),
@@ -144,11 +129,11 @@ fn large_colour_photograph_is_refused_with_options_that_fit_it() {
 
 #[test]
 fn axes_of_other_programs_are_read() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let colours = |index: usize| spots(32, 0.0, 0.0)(index / 3 % 1024) * [0.25, 1.0, 0.5][index % 3];
-    let one = bench.write("one.npy", &[1, 32, 32, 3], colours);
+    let one = scratch.write("one.npy", &[1, 32, 32, 3], colours);
     let several =
-        bench.write("several.npy", &[2, 32, 32, 3], |index| colours(index % 3072) * (1 + index / 3072) as f32);
+        scratch.write("several.npy", &[2, 32, 32, 3], |index| colours(index % 3072) * (1 + index / 3072) as f32);
     let green = import(&one, "?channel=green").unwrap();
     assert_eq!(green.image.psf.dim(), (32, 32));
     assert!(import(&several, "").unwrap_err().to_string().contains("add ?frame=1"));
@@ -157,14 +142,11 @@ fn axes_of_other_programs_are_read() {
 
 #[test]
 fn saturated_photograph_is_reported_first() {
-    let bench = Bench::new();
-    let path = bench.write("psf.npy", &[64, 64], |index| spots(64, 20.0, 1.0)(index).min(255.0));
-    let many =
-        bench.write(
-            "many.npy",
-            &[64, 64],
-            |index| if index / 64 < 5 && index % 64 > 30 { 255.0 } else { (index % 90) as f32 },
-        );
+    let scratch = Scratch::new();
+    let path = scratch.write("psf.npy", &[64, 64], |index| spots(64, 20.0, 1.0)(index).min(255.0));
+    let many = scratch.write("many.npy", &[64, 64], |index| {
+        if index / 64 < 5 && index % 64 > 30 { 255.0 } else { (index % 90) as f32 }
+    });
     assert!(import(&path, "").unwrap().report.saturated.is_none(), "15 pixels may have one value by chance");
     let reported = import(&many, "").unwrap();
     assert_eq!(reported.report.saturated.unwrap().value, 255.0);
@@ -178,8 +160,8 @@ fn saturated_photograph_is_reported_first() {
 
 #[test]
 fn photograph_is_turned_before_it_is_mirrored() {
-    let bench = Bench::new();
-    let path = bench.write("psf.npy", &[4, 6], |index| if index == 1 { 1.0 } else { 0.0 });
+    let scratch = Scratch::new();
+    let path = scratch.write("psf.npy", &[4, 6], |index| if index == 1 { 1.0 } else { 0.0 });
     let place = |query: &str| {
         let psf = import(&path, query).unwrap().image.psf;
         let (place, _) = psf.indexed_iter().find(|(_, value)| **value > 0.5).unwrap();
@@ -194,9 +176,9 @@ fn photograph_is_turned_before_it_is_mirrored() {
 /// The PSF of a file without options, and with a side, as earlier programs made them.
 #[test]
 fn clean_psfs_are_unchanged_to_the_bit() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let light = |index: usize| 0.3 + ((index * 37) % 101) as f32 / 7.0;
-    let path = bench.write("psf.npy", &[50, 41], light);
+    let path = scratch.write("psf.npy", &[50, 41], light);
     let image = Array2::from_shape_fn((50, 41), |(row, col)| light(row * 41 + col));
     assert_eq!(import(&path, "").unwrap().image.psf, normalised_psf(image.clone(), "p").unwrap());
     let square = image.slice(ndarray::s![4..45, ..]);
@@ -212,14 +194,14 @@ fn clean_psfs_are_unchanged_to_the_bit() {
 
 #[test]
 fn settings_file_repeats_an_import_and_can_be_moved_with_its_photograph() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let path =
-        bench.write("psf.npy", &[40, 48, 3], |index| spots(48, 100.0, 2.0)(index / 3) * [0.5, 1.0, 0.7][index % 3]);
+        scratch.write("psf.npy", &[40, 48, 3], |index| spots(48, 100.0, 2.0)(index / 3) * [0.5, 1.0, 0.7][index % 3]);
     let query = "channel=green&dark=corners&window=2,3,36,40&bin=2&rotate=90&mirror=yes";
     let named = format!("{}?{query}", path.display());
     let photograph = PsfPhotograph::find(Path::new(&named)).unwrap();
     assert_eq!(photograph.text(), named);
-    let settings = bench.0.path().join("import.toml");
+    let settings = scratch.path().join("import.toml");
     photograph.save(&settings).unwrap();
     let text = std::fs::read_to_string(&settings).unwrap();
     assert!(text.contains("photograph = \"psf.npy\"") && text.contains("bin = 2"), "{text}");
@@ -227,7 +209,7 @@ fn settings_file_repeats_an_import_and_can_be_moved_with_its_photograph() {
     assert_eq!(import_psf(&settings, None).unwrap().image.psf, import(&path, &format!("?{query}")).unwrap().image.psf);
     let moved = tempfile::tempdir().unwrap();
     for name in ["psf.npy", "import.toml"] {
-        std::fs::copy(bench.0.path().join(name), moved.path().join(name)).unwrap();
+        std::fs::copy(scratch.path().join(name), moved.path().join(name)).unwrap();
     }
     let there = PsfPhotograph::find(&moved.path().join("import.toml")).unwrap();
     assert_eq!(there.file.path, moved.path().join("psf.npy"));
@@ -248,10 +230,10 @@ fn settings_file_repeats_an_import_and_can_be_moved_with_its_photograph() {
 /// Noise alone around one bright pixel: the modulation of the noise has the root mean square of the floor.
 #[test]
 fn noise_floor_is_the_modulation_of_the_noise() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let noise: Vec<f32> = (0..96 * 96).map(|_| random.sample(StandardNormal)).collect();
-    let path = bench.write("psf.npy", &[96, 96], |index| {
+    let path = scratch.write("psf.npy", &[96, 96], |index| {
         500.0 + 4.0 * noise[index] + if index == 48 * 96 + 48 { 20_000.0 } else { 0.0 }
     });
     let floor = import(&path, "?dark=500").unwrap().report.noise_floor.unwrap();

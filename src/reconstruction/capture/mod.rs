@@ -11,7 +11,7 @@ use std::str::FromStr;
 use ndarray::{Array, Array2, Array3, ArrayView, Axis, Dimension, s};
 use thiserror::Error;
 
-use crate::formats::{Channel, FormatError, ImageFile, ImageSummary, PixelStack};
+use crate::formats::{Channel, FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Saturated};
 use crate::optics::CornerLevel;
 use crate::sensor::Noise;
 use noise::SensorNoise;
@@ -22,11 +22,6 @@ const LONGEST_SIDE_PX: usize = 4096;
 /// Least difference of two dark levels that is reported, DN and in standard deviations of the corners of the PSF.
 const LEAST_DARK_DIFFERENCE: f64 = 1.0;
 const DARK_DEVIATIONS: f64 = 5.0;
-/// Pixels at the largest value, and share of all, from which on they are saturated.
-const SATURATED_PIXELS: usize = 16;
-const SATURATED_SHARE: f64 = 1e-4;
-/// Least largest value of a file of counts whose pixels can be saturated.
-const LEAST_SATURATION: f32 = 200.0;
 /// Largest share of saturated pixels.
 const MOST_SATURATED: f64 = 0.5;
 
@@ -209,9 +204,10 @@ impl CaptureFiles {
         if psf.pages != 1 {
             return Err(CaptureError::Several { path: psf_path, found: psf.pages });
         }
+        let white = measured.white;
         let mut light = finite(measured, &self.measurement)?;
-        let share = mark_saturated(&mut light);
-        if let Some((percent, value)) = share.map(|(share, value)| (100.0 * share, value)) {
+        if let Some(Saturated { share, value }) = mark_saturated(&mut light, white) {
+            let percent = 100.0 * share;
             if percent > 100.0 * MOST_SATURATED {
                 return Err(CaptureError::Saturated { path, percent, value });
             }
@@ -219,8 +215,9 @@ impl CaptureFiles {
                 "{path}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"
             ));
         }
+        let white = psf.white;
         let mut spread = finite(psf, &self.psf)?;
-        if let Some((share, value)) = mark_saturated(&mut spread) {
+        if let Some(Saturated { share, value }) = mark_saturated(&mut spread, white) {
             let percent = 100.0 * share;
             notices
                 .push(format!("{psf_path}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"));
@@ -326,17 +323,13 @@ fn finite(stack: PixelStack, path: &Path) -> Result<Array3<f32>, CaptureError> {
     Ok(images)
 }
 
-/// Sets saturated pixels to NaN. Returns their share and value, where there are any: many pixels of one file at its largest value.
-fn mark_saturated(images: &mut Array3<f32>) -> Option<(f64, f32)> {
-    let top = images.iter().copied().fold(0.0, f32::max);
-    let count = images.iter().filter(|&&value| value == top).count();
-    let share = count as f64 / images.len().max(1) as f64;
-    let is_count = images.iter().all(|value| value.fract() == 0.0);
-    if !is_count || top < LEAST_SATURATION || count < SATURATED_PIXELS || share < SATURATED_SHARE {
-        return None;
-    }
-    images.mapv_inplace(|value| if value == top { f32::NAN } else { value });
-    Some((share, top))
+/// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any.
+fn mark_saturated(images: &mut Array3<f32>, white: Option<u16>) -> Option<Saturated> {
+    let mut values = GreyValues::default();
+    values.add(images.view(), white);
+    let saturated = values.saturated()?;
+    images.mapv_inplace(|value| if value == saturated.value { f32::NAN } else { value });
+    Some(saturated)
 }
 
 fn subtract(images: &mut Array3<f32>, dark: Option<&Array2<f32>>, level: f64) {

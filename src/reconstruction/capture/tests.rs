@@ -1,25 +1,9 @@
 use super::*;
-use crate::formats::write_array;
-use ndarray::{ArrayD, IxDyn};
+use crate::formats::Scratch;
 
-struct Bench(tempfile::TempDir);
-
-impl Bench {
-    fn new() -> Self {
-        Self(tempfile::tempdir().unwrap())
-    }
-
-    fn write(&self, name: &str, shape: &[usize], value: impl Fn(usize) -> f32) -> PathBuf {
-        let path = self.0.path().join(name);
-        let values = (0..shape.iter().product::<usize>()).map(value).collect();
-        write_array(&path, ArrayD::from_shape_vec(IxDyn(shape), values).unwrap().view()).unwrap();
-        path
-    }
-
-    /// A PSF of one bright pixel on a dark level of 10.
-    fn psf(&self) -> PathBuf {
-        self.write("psf.npy", &[32, 32], |index| if index == 16 * 32 + 16 { 1010.0 } else { 10.0 })
-    }
+/// A PSF of one bright pixel on a dark level of 10.
+fn psf_in(scratch: &Scratch) -> PathBuf {
+    scratch.write("psf.npy", &[32, 32], |index| if index == 16 * 32 + 16 { 1010.0 } else { 10.0 })
 }
 
 fn files(measurement: PathBuf, psf: PathBuf) -> CaptureFiles {
@@ -32,9 +16,9 @@ fn refusal(files: &CaptureFiles) -> String {
 
 #[test]
 fn the_dark_level_of_the_corners_is_subtracted_from_both() {
-    let bench = Bench::new();
-    let measured = bench.write("y.npy", &[40, 48], |index| 60.5 + (index % 7) as f32);
-    let capture = files(measured, bench.psf()).open().unwrap();
+    let scratch = Scratch::new();
+    let measured = scratch.write("y.npy", &[40, 48], |index| 60.5 + (index % 7) as f32);
+    let capture = files(measured, psf_in(&scratch)).open().unwrap();
     let [channel] = &capture.channels[..] else { panic!() };
     let light = channel.measurements.mapv(|value| f64::from(value) * channel.gain);
     assert!((light[(0, 0, 3)] - 53.5).abs() < 1e-3, "{}", light[(0, 0, 3)]);
@@ -44,10 +28,11 @@ fn the_dark_level_of_the_corners_is_subtracted_from_both() {
 
 #[test]
 fn squares_are_averaged_and_saturated_ones_left_out() {
-    let bench = Bench::new();
+    let scratch = Scratch::new();
     // Rows 0 and 1 are saturated.
-    let measured = bench.write("y.npy", &[64, 64], |index| if index < 128 { 255.0 } else { 20.0 + (index % 2) as f32 });
-    let files = CaptureFiles { bin: 2, dark: Some(DarkLevel::Constant(10.0)), ..files(measured, bench.psf()) };
+    let measured =
+        scratch.write("y.npy", &[64, 64], |index| if index < 128 { 255.0 } else { 20.0 + (index % 2) as f32 });
+    let files = CaptureFiles { bin: 2, dark: Some(DarkLevel::Constant(10.0)), ..files(measured, psf_in(&scratch)) };
     let capture = files.open().unwrap();
     let channel = &capture.channels[0];
     assert_eq!((channel.measurements.dim(), channel.psf.dim()), ((1, 32, 32), (16, 16)));
@@ -58,23 +43,23 @@ fn squares_are_averaged_and_saturated_ones_left_out() {
 
 #[test]
 fn colours_are_read_channel_by_channel() {
-    let bench = Bench::new();
-    let measured = bench.write("y.npy", &[40, 40, 3], |index| [50.5, 90.5, 70.5][index % 3]);
+    let scratch = Scratch::new();
+    let measured = scratch.write("y.npy", &[40, 40, 3], |index| [50.5, 90.5, 70.5][index % 3]);
     let colours =
-        bench.write("psf.npy", &[32, 32, 3], |index| if index / 3 == 500 { 9.0 + (index % 3) as f32 } else { 0.0 });
+        scratch.write("psf.npy", &[32, 32, 3], |index| if index / 3 == 500 { 9.0 + (index % 3) as f32 } else { 0.0 });
     let capture = files(measured.clone(), colours).open().unwrap();
     let light: Vec<f64> = capture.channels.iter().map(|c| f64::from(c.measurements[(0, 5, 5)]) * c.gain).collect();
     assert!(light.iter().zip([50.5, 90.5, 70.5]).all(|(found, expected)| (found - expected).abs() < 1e-3), "{light:?}");
-    assert!(refusal(&files(measured, bench.psf())).contains("found colours beside grey"));
+    assert!(refusal(&files(measured, psf_in(&scratch))).contains("found colours beside grey"));
 }
 
 #[test]
 fn dark_frames_of_another_level_than_the_psf_are_reported() {
-    let bench = Bench::new();
-    let measured = bench.write("y.npy", &[40, 48], |index| 160.5 + (index % 7) as f32);
+    let scratch = Scratch::new();
+    let measured = scratch.write("y.npy", &[40, 48], |index| 160.5 + (index % 7) as f32);
     let notices = |level: f32| {
-        let dark = bench.write("dark.npy", &[40, 48], |_| level);
-        let files = CaptureFiles { dark: Some(DarkLevel::File(dark)), ..files(measured.clone(), bench.psf()) };
+        let dark = scratch.write("dark.npy", &[40, 48], |_| level);
+        let files = CaptureFiles { dark: Some(DarkLevel::File(dark)), ..files(measured.clone(), psf_in(&scratch)) };
         files.open().unwrap().notices
     };
     let is_level = |notice: &String| notice.contains("its mean is 64.0 DN, the corners of the PSF have 10.0 DN");
@@ -84,24 +69,24 @@ fn dark_frames_of_another_level_than_the_psf_are_reported() {
 
 #[test]
 fn captures_that_cannot_be_used_are_refused() {
-    let bench = Bench::new();
-    let psf = bench.psf();
-    let broken = bench.write("broken.npy", &[40, 40], |index| if index == 41 { f32::NAN } else { 3.0 });
+    let scratch = Scratch::new();
+    let psf = psf_in(&scratch);
+    let broken = scratch.write("broken.npy", &[40, 40], |index| if index == 41 { f32::NAN } else { 3.0 });
     assert!(refusal(&files(broken, psf.clone())).contains("found NaN at row 1, column 1"));
-    let bright = bench.write("bright.npy", &[40, 40], |index| if index < 1500 { 255.0 } else { 3.0 });
+    let bright = scratch.write("bright.npy", &[40, 40], |index| if index < 1500 { 255.0 } else { (index % 3) as f32 });
     assert!(refusal(&files(bright, psf.clone())).contains("94 % of the pixels at 255"));
-    let dark = bench.write("dark.npy", &[40, 40], |index| 5.0 + (index % 2) as f32);
+    let dark = scratch.write("dark.npy", &[40, 40], |index| 5.0 + (index % 2) as f32);
     assert!(refusal(&files(dark.clone(), psf.clone())).contains("above the dark level of 10"));
-    let pair = bench.write("pair.npy", &[2, 40, 40], |_| 3.0);
+    let pair = scratch.write("pair.npy", &[2, 40, 40], |_| 3.0);
     assert!(refusal(&files(dark.clone(), pair)).contains("expected one image, found 2"));
-    let small = bench.write("small.npy", &[30, 40], |_| 30.0);
+    let small = scratch.write("small.npy", &[30, 40], |_| 30.0);
     assert!(refusal(&files(small, psf.clone())).contains("at least the 32 x 32 px of the PSF, found 30 x 40"));
     let pixel = CaptureFiles {
         bin: 32,
-        ..files(bench.write("wide.npy", &[40, 40], |index| 50.0 + (index % 3) as f32), psf.clone())
+        ..files(scratch.write("wide.npy", &[40, 40], |index| 50.0 + (index % 3) as f32), psf.clone())
     };
     assert!(refusal(&pixel).contains("expected 2 to 4096 px a side, found 1 x 1 px; change --bin"));
-    let frame = bench.write("frame.npy", &[20, 20], |_| 3.0);
+    let frame = scratch.write("frame.npy", &[20, 20], |_| 3.0);
     let files = CaptureFiles { dark: Some(DarkLevel::File(frame)), ..files(dark, psf) };
     assert!(refusal(&files).contains("expected 40 x 40 px, as the capture, found 20 x 20"));
 }

@@ -17,7 +17,8 @@ const TRAINING_SECONDS: f64 = 60.0;
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ReconstructionSettings {
-    /// The decoder.
+    /// The decoder of plans without an axis of decoders.
+    #[serde(default)]
     pub decoder: DecoderKind,
     /// Held-out objects.
     #[serde(default = "usual_objects")]

@@ -41,6 +41,7 @@ fn serve(request: Request, ctx: &egui::Context, state: &mut State) {
         Request::Recover(design) => recover(*design, state),
         Request::OpenObjects(source) => state.session.open_objects(source),
         Request::OpenPsf(path) => state.dialogs.psf_import.ask(path),
+        Request::ResizeDiffuser(grid_px) => state.session.resize_diffuser(grid_px),
         Request::ImportPsf(path) => state.session.import_psf(path, None),
         Request::Run(request) => serve_run(request, state),
         Request::Training(request) => serve_training(request, state),

@@ -187,6 +187,18 @@ mod tests {
     }
 
     #[test]
+    fn the_worker_sets_the_grid_of_a_diffuser() {
+        let mut state = window();
+        let diffuser = Diffuser::behind_aperture(16, 4);
+        state.send(&Command::ReplaceEncoder { name: "diffuser".into(), encoder: Encoder::Diffuser(diffuser) });
+        state.session.resize_diffuser(48);
+        assert_eq!(state.session.design().encoder.grid(), (32, 32));
+        assert!(finish_job(&mut state)[0].is_ok());
+        assert_eq!(state.session.design().encoder, Encoder::Diffuser(diffuser.on_grid(48)));
+        assert_eq!(state.session.undoes(), Some("Use diffuser on a grid of 48 px"));
+    }
+
+    #[test]
     fn random_presets_have_consecutive_seeds() {
         let mut state = window();
         let seed = state.session.design().seed;

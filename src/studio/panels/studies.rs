@@ -1,6 +1,6 @@
 //! Studies: a plan is chosen or a folder opened, its cells fill, and its plot grows.
 
-use egui::{ComboBox, ProgressBar, RichText, ScrollArea, TextEdit, Ui};
+use egui::{ComboBox, ProgressBar, RichText, ScrollArea, TextEdit, Ui, vec2};
 
 use crate::evaluation::format_duration;
 use crate::plural::counted;
@@ -14,6 +14,8 @@ use crate::workbench::{OpenStudy, StudyStatus, StudyView};
 
 /// Size of the texts, points.
 const TEXT: f32 = 12.5;
+/// Width of the button that pauses and resumes, points.
+const PAUSE_WIDTH: f32 = 56.0;
 
 /// Shows the panel.
 pub fn show(ui: &mut Ui, state: &mut StudiesState, view: &View<'_>, requests: &mut Vec<Request>) {
@@ -121,14 +123,12 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
     if let Some(sentence) = &open.left_out {
         ui.add(egui::Label::new(RichText::new(sentence).size(TEXT).weak()).truncate()).on_hover_text(sentence);
     }
-    if let Some(index) = study.running {
-        let text = format!("{}: {}", open.folder.cells()[index].name(), study.step);
-        ui.add(egui::Label::new(RichText::new(text).size(TEXT).weak()).truncate());
-    }
     ui.horizontal_wrapped(|ui| {
         if study.is_active() {
             let is_paused = study.status == Some(StudyStatus::Paused);
-            let pause = ui.small_button(if is_paused { "Resume" } else { "Pause" });
+            // As wide in both states: the button beside it stays where it is.
+            let pause = egui::Button::new(if is_paused { "Resume" } else { "Pause" }).small();
+            let pause = ui.add(pause.min_size(vec2(PAUSE_WIDTH, 0.0)));
             name_widget(&pause, if is_paused { "Resume study" } else { "Pause study" });
             if pause.clicked() {
                 requests.push(Request::Study(StudyRequest::Pause(!is_paused)));
@@ -189,4 +189,10 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
             name_widget(&response, "Panel of the study");
         }
     });
+    // Below the buttons: the row comes and goes with the cells, and the buttons stay where they are.
+    if study.is_active() {
+        let name = study.running.map_or(String::new(), |index| open.folder.cells()[index].name());
+        let text = if name.is_empty() { "Begins the first cell".into() } else { format!("{name}: {}", study.step) };
+        ui.add(egui::Label::new(RichText::new(text).size(TEXT).weak()).truncate());
+    }
 }

@@ -46,6 +46,8 @@ pub enum Request {
     OpenObjects(ObjectSource),
     /// Opens the dialog that imports a PSF, for this path.
     OpenPsf(String),
+    /// Sets the PSF grid of a diffuser, pixels.
+    ResizeDiffuser(usize),
     /// Uses an image as the PSF; the path holds the options of the import.
     ImportPsf(PathBuf),
     /// Acts on the run.

@@ -95,12 +95,10 @@ pub enum Job {
         /// The file.
         path: PathBuf,
     },
-    /// Makes a diffuser behind an aperture that blocks the light outside, which takes long on a large grid.
+    /// Makes a diffuser, which takes long on a large grid.
     MakeDiffuser {
-        /// Side of the aperture on the published grid, pixels.
-        aperture_px: usize,
-        /// Seed of the surface.
-        seed: u64,
+        /// What it is made from.
+        origin: DiffuserOrigin,
         /// Side of the PSF grid, pixels.
         grid_px: usize,
         /// Number of the contents that it replaces.
@@ -217,7 +215,7 @@ impl Job {
             Self::OpenObjects { design, .. } => format!("Read {}", design.objects),
             Self::MeasureSnapshot { name, .. } => format!("Measure {name}"),
             Self::ImportPsf { path, .. } => format!("Import {}", path.display()),
-            Self::MakeDiffuser { aperture_px, .. } => format!("Make {}", diffuser_name(*aperture_px)),
+            Self::MakeDiffuser { origin, grid_px, .. } => format!("Make {}", origin.name(*grid_px)),
             Self::FitLenslets { encoder, .. } => format!("Fit lenslets to {}", encoder.describe()),
             Self::ExportDesign { folder, .. } => format!("Export design to {}", folder.display()),
             Self::ExportMeasurements { folder, .. } => format!("Export measurements to {}", folder.display()),
@@ -284,9 +282,9 @@ impl Job {
                 photograph.save(path).map_err(|error| error.to_string())?;
                 Ok(Outcome::Exported { files: vec![path.clone()] })
             }
-            Self::MakeDiffuser { aperture_px, seed, grid_px, replaces } => {
-                let diffuser = Diffuser::behind_aperture(*aperture_px, *seed).on_grid(*grid_px);
-                Ok(Outcome::DiffuserMade { diffuser, name: diffuser_name(*aperture_px), replaces: *replaces })
+            Self::MakeDiffuser { origin, grid_px, replaces } => {
+                let (diffuser, name) = (origin.diffuser().on_grid(*grid_px), origin.name(*grid_px));
+                Ok(Outcome::DiffuserMade { diffuser, name, replaces: *replaces })
             }
             Self::FitLenslets { encoder, replaces } => {
                 let fitted = fit_lenslets(encoder).map_err(|error| error.to_string())?;
@@ -354,8 +352,35 @@ fn export_measurements(
     stacks::export_measurements(&stacks, format, folder).map_err(|error| error.to_string())
 }
 
-fn diffuser_name(aperture_px: usize) -> String {
-    format!("diffuser, aperture {aperture_px} px")
+/// What a diffuser is made from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum DiffuserOrigin {
+    /// An aperture of so many pixels on the published grid, which blocks the light outside.
+    Aperture {
+        /// Side of the aperture, pixels.
+        aperture_px: usize,
+        /// Seed of the surface.
+        seed: u64,
+    },
+    /// A diffuser of another PSF grid.
+    OtherGrid(Diffuser),
+}
+
+impl DiffuserOrigin {
+    fn diffuser(self) -> Diffuser {
+        match self {
+            Self::Aperture { aperture_px, seed } => Diffuser::behind_aperture(aperture_px, seed),
+            Self::OtherGrid(diffuser) => diffuser,
+        }
+    }
+
+    /// Name of the diffuser on a grid of this side, pixels.
+    fn name(self, grid_px: usize) -> String {
+        match self {
+            Self::Aperture { aperture_px, .. } => format!("diffuser, aperture {aperture_px} px"),
+            Self::OtherGrid(_) => format!("diffuser on a grid of {grid_px} px"),
+        }
+    }
 }
 
 /// Refuses a network of other objects or of another mask than those of a design.

@@ -5,6 +5,7 @@ use egui_plot::{Corner, GridInput, GridMark, HLine, HoverPosition, Legend, Line,
 
 use crate::information::PowerSpectrum;
 use crate::sensor::Noise;
+use crate::studio::canvas::overlays::PixelSize;
 use crate::studio::state::path_dialog::PathPurpose;
 use crate::studio::state::request::Request;
 use crate::studio::state::samples::ShownSample;
@@ -35,24 +36,29 @@ pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
     let (name, noise) = noise_level(view.design.noise, spectrum.mean);
     // The noise level belongs to the current measurement.
     let noise = noise.filter(|noise| *noise > 0.0 && current);
+    let pitch_um = view.design.pixel_pitch_um;
+    let PixelSize { width: scale, unit, .. } = PixelSize::of_frequency(1.0, pitch_um);
+    let decimals = if pitch_um.is_some() { 1 } else { 3 };
     // The plot has no logarithmic axis: it draws logarithms and labels powers.
-    let points: PlotPoints<'static> = powers.iter().map(|&[frequency, power]| [frequency, power.log10()]).collect();
+    let points: PlotPoints<'static> =
+        powers.iter().map(|&[frequency, power]| [frequency * scale, power.log10()]).collect();
     let mut plot = Plot::new("Power spectrum of the measurement")
         .legend(Legend::default().position(Corner::RightTop))
         .include_x(0.0)
-        .include_x(0.5)
+        .include_x(0.5 * scale)
         .allow_scroll(false)
-        .x_grid_spacer(tenths)
         .y_grid_spacer(decades)
-        .x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value))
         .y_axis_formatter(|mark: GridMark, _| power_mark(mark.value))
-        .label_formatter(|position| {
+        .label_formatter(move |position| {
             let HoverPosition::NearDataPoint { plot_name, position, .. } = position else { return None };
             let power = format_significant(10.0_f64.powf(position.y));
-            Some(format!("{plot_name}\n{:.3} cycles/px: {power} photons\u{b2}", position.x))
+            Some(format!("{plot_name}\n{:.decimals$} {unit}: {power} photons\u{b2}", position.x))
         })
-        .x_axis_label("cycles per pixel")
+        .x_axis_label(if pitch_um.is_some() { "cycles per millimetre" } else { "cycles per pixel" })
         .y_axis_label("power, photons\u{b2}");
+    if pitch_um.is_none() {
+        plot = plot.x_grid_spacer(tenths).x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value));
+    }
     if let Some(noise) = noise {
         // A decade around the noise level is always visible.
         plot = plot.include_y(noise.log10() - 0.5).include_y(noise.log10() + 0.5);
