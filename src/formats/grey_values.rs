@@ -114,8 +114,10 @@ impl GreyValues {
         // Floats of many values meet at the largest one only by a limit.
         let is_pile = most_before.map_or(self.is_fractional, |most| self.at_most > PILE * most.max(1));
         let is_many = self.at_most >= SATURATED_PIXELS && share >= SATURATED_SHARE;
+        // Pixels of two values are a mask, those of one value nothing to go by unless it is the largest count.
         let has_levels = low < value && self.levels().is_none_or(|levels| levels > 2.0);
-        (is_many && (is_white || is_pile) && has_levels).then_some(Saturated { share, value })
+        let is_all_white = low == value && is_white;
+        (is_many && (is_all_white || has_levels && (is_white || is_pile))).then_some(Saturated { share, value })
     }
 
     /// Pixels near the top of an unsigned number type, while the median is near its bottom and few lie between.
@@ -202,6 +204,8 @@ mod tests {
         assert_eq!(white.saturated().map(|found| found.value), Some(255.0));
         let float = of((0..4000).map(|pixel| (pixel as f32 / 3000.0).min(1.0)), None);
         assert_eq!(float.saturated().map(|found| found.value), Some(1.0));
+        assert!(of([65_535.0; 100], Some(u16::MAX)).saturated().is_some_and(|found| found.share == 1.0));
+        assert_eq!(of([50.5; 100], None).saturated(), None);
         // A mask of zeros and ones is no saturated image.
         assert_eq!(of((0..1000).map(|pixel| (pixel % 2) as f32), Some(255)).saturated(), None);
     }
