@@ -49,7 +49,7 @@ fn time_of_steps((scene, masks): &(DecoderScene, TrainingMasks), steps: u64) -> 
         }
         ControlFlow::Continue(())
     };
-    let ended = training.train(scene, masks, None, &CancelToken::new(), &mut progress);
+    let ended = training.train(scene, masks, None, None, &CancelToken::new(), &mut progress);
     assert!(ended.is_err(), "stopped before its budget");
     taken
 }

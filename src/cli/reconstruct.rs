@@ -15,6 +15,7 @@ use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
 use super::reconstruct_network::{NetworkArgs, NetworkResult};
+use super::stop::{StopSignal, is_stopped};
 use crate::forward::{ForwardModel, notices_of};
 use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
@@ -149,13 +150,22 @@ enum TestError {
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
-        match &self.capture.measurement {
-            Some(measurement) => self.reconstruct_capture(measurement.clone()),
-            None => self.test_design(),
+        let stop = StopSignal::listen_if(self.out.is_some());
+        let result = match &self.capture.measurement {
+            Some(measurement) => self.reconstruct_capture(measurement.clone(), &stop),
+            None => self.test_design(&stop),
+        };
+        match (result, &self.out) {
+            (Err(Failure::Input(error)), Some(out)) if is_stopped(&error) => {
+                // The scheduler or a person asked to stop, and trained networks are kept.
+                output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
+                Ok(())
+            }
+            (result, _) => result,
         }
     }
 
-    fn test_design(&self) -> Result<(), Failure> {
+    fn test_design(&self, stop: &StopSignal) -> Result<(), Failure> {
         check_count("--test", self.test, TEST_OBJECTS)?;
         self.sweeps.map_or(Ok(()), |sweeps| check_count("--sweeps", sweeps, SWEEPS))?;
         check_count("--examples", self.examples, 0..=MOST_EXAMPLES)?;
@@ -180,7 +190,7 @@ impl Arguments {
         let psf = forward.psf(&design)?;
         let model = scene.model(psf.view())?;
         let trained = if kind.needs().training {
-            Some(self.network.networks(kind, (&scene, &model), &design, self.out.as_deref())?)
+            Some(self.network.networks(kind, (&scene, &model), &design, (self.out.as_deref(), stop))?)
         } else {
             None
         };
@@ -212,12 +222,16 @@ impl Arguments {
             Ok(())
         };
         let test = DecoderTest { objects: self.test, seed: design.seed };
-        let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
+        let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step, stop);
         let mut all = Vec::new();
         for (index, decoder) in decoders.iter().enumerate() {
             // The files hold what the first network makes.
             let mut receive = |part: &Evaluated<'_>| if index == 0 { write(part) } else { Ok(()) };
-            all.push(test.run::<TestError>(&**decoder, &scene, &model, &mut on_progress, &mut receive)?);
+            let quality = test.run(&**decoder, &scene, &model, &mut on_progress, &mut receive);
+            all.push(quality.map_err(|error| match error {
+                TestError::Reconstruction(error) => anyhow::Error::from(error),
+                TestError::Export(error) => error.into(),
+            })?);
         }
         let quality = match &trained {
             Some(_) => DecoderQuality::over_networks(&all)?,
@@ -247,7 +261,7 @@ impl Arguments {
         output::print(&result.lines().join("\n"))
     }
 
-    fn reconstruct_capture(&self, measurement: PathBuf) -> Result<(), Failure> {
+    fn reconstruct_capture(&self, measurement: PathBuf, stop: &StopSignal) -> Result<(), Failure> {
         check_count("--bin", self.capture.bin, 1..=LARGEST_BIN)?;
         // The flag is required with --measurement.
         let psf = self.capture.psf.clone().unwrap_or_default();
@@ -276,7 +290,7 @@ impl Arguments {
             let model = ImagingModel::of_capture(psf.view(), shape_of(measurements), *noise)?;
             corner = model.sensor_corner();
             let prepared = decoder.prepare(&model, &CancelToken::new())?;
-            let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step);
+            let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step, stop);
             let found = prepared.reconstruct(measurements.view(), &mut on_progress)?;
             objects.push(channel.grey_values(found.view()));
         }
@@ -321,13 +335,13 @@ impl Arguments {
     }
 }
 
-/// Shows the progress of a reconstruction.
-fn show(line: &ProgressLine, step: &ReconstructionStep) -> ControlFlow<()> {
+/// Shows the progress of a reconstruction; `Break` once a signal asks to stop.
+fn show(line: &ProgressLine, step: &ReconstructionStep, stop: &StopSignal) -> ControlFlow<()> {
     match step {
         ReconstructionStep::Images { done, total } => line.show(*done, *total, "Reconstructing"),
         ReconstructionStep::Iteration { done, most, .. } => line.show(*done, *most, "Iterating"),
     }
-    ControlFlow::Continue(())
+    stop.check()
 }
 
 /// Rows and columns of a stack.

@@ -1,6 +1,5 @@
 //! Networks of `reconstruct --decoder network` and `unet`: trained for the design, or read from files.
 
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -10,9 +9,10 @@ use serde::{Deserialize, Serialize};
 use super::choices::{BudgetChoice, check_count};
 use super::failure::Failure;
 use super::output::{self, ProgressLine};
-use crate::formats::{DocumentKind, content_key, json_of, read_bytes, write_safely};
+use super::stop::StopSignal;
+use crate::formats::{DocumentKind, content_key, json_of, read_bytes, read_if_there, remove_if_there, write_safely};
 use crate::forward::Design;
-use crate::information::{EngineChoice, NUMBERS_VERSION};
+use crate::information::{EngineChoice, FitCheckpoint, InformationError, NUMBERS_VERSION};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
@@ -128,14 +128,14 @@ impl NetworkArgs {
         self.weights.iter().cloned().collect()
     }
 
-    /// The networks, trained or read. Trained ones are written into `out` as soon as they are, and those of the same settings there are
-    /// not trained again.
+    /// The networks, trained or read. Trained ones are written into the folder as soon as they are, and those of the same settings there are
+    /// not trained again. Its file of state resumes a training that was stopped.
     pub fn networks(
         &self,
         kind: DecoderKind,
         (scene, model): (&DecoderScene, &ImagingModel),
         design: &Design,
-        out: Option<&Path>,
+        (out, stop): (Option<&Path>, &StopSignal),
     ) -> Result<Networks, Failure> {
         let Design { encoder, seed, .. } = design;
         let start = self.weights.as_deref().map(|path| read(kind, path, scene, "--weights ")).transpose()?;
@@ -153,12 +153,13 @@ impl NetworkArgs {
         } else {
             TrainingMasks::One(model.clone())
         };
-        let is_kept =
-            out.map(|out| self.begin_folder(out, (kind, budget), (scene, design))).transpose()?.unwrap_or(false);
+        let folder = out.map(|out| self.begin_folder(out, (kind, budget), (scene, design))).transpose()?;
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {
             let seed = seed.wrapping_add(index as u64);
-            let path = out.map(|out| out.join(format!("network-{}.safetensors", index + 1)));
+            let file = |ending: &str| out.map(|out| out.join(format!("network-{}{ending}", index + 1)));
+            let path = file(".safetensors");
+            let is_kept = folder.as_ref().is_some_and(|folder| folder.is_begun);
             if let Some(path) = path.as_ref().filter(|path| is_kept && path.is_file()) {
                 let network = read(kind, path, scene, "")?;
                 output::report(format_args!("{}: trained before: {}", path.display(), network.summary()));
@@ -170,10 +171,17 @@ impl NetworkArgs {
             line.show(0, PARTS as usize, "Preparing");
             let mut show = |step: &TrainingStep| {
                 line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
-                ControlFlow::Continue(())
+                stop.check()
             };
+            let state = file(".state").zip(folder.as_ref());
+            let state = state.map(|(path, folder)| TrainingState { path, key: format!("{} {seed}", folder.settings) });
+            if let Some(state) = state.as_ref().filter(|_| !is_kept) {
+                // That of another training, whose settings are gone.
+                remove_if_there(&state.path).map_err(anyhow::Error::from)?;
+            }
+            let keeper = state.as_ref().map(|state| state as &dyn FitCheckpoint);
             let training = DecoderTraining { kind, budget, seed, engine: self.engine.unwrap_or_default() };
-            let network = training.train(scene, &masks, start.as_ref(), &CancelToken::new(), &mut show)?;
+            let network = training.train(scene, &masks, start.as_ref(), keeper, &CancelToken::new(), &mut show)?;
             line.finish();
             output::report(format_args!("Network {}: {}", index + 1, network.summary()));
             if let Some(path) = path {
@@ -181,18 +189,21 @@ impl NetworkArgs {
                 write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
                 result.files.push(path);
             }
+            if let Some(state) = &state {
+                remove_if_there(&state.path).map_err(anyhow::Error::from)?;
+            }
             result.networks.push(network);
         }
         Ok(result)
     }
 
-    /// Whether the folder holds networks of these settings; otherwise its file of settings is written.
+    /// The folder with a file of these settings, which is written where there is none.
     fn begin_folder(
         &self,
         out: &Path,
         (decoder, budget): (DecoderKind, TrainingBudget),
         (scene, design): (&DecoderScene, &Design),
-    ) -> anyhow::Result<bool> {
+    ) -> anyhow::Result<NetworkFolder> {
         let start = self.weights.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
         let settings = KeptSettings {
             settings: content_key(&serde_json::json!({
@@ -213,7 +224,7 @@ impl NetworkArgs {
         let file = out.join(SETTINGS_FILE);
         if !file.exists() {
             SETTINGS.write(&file, &settings)?;
-            return Ok(false);
+            return Ok(NetworkFolder { settings: settings.settings, is_begun: false });
         }
         if SETTINGS.read::<KeptSettings>(&file)? != settings {
             anyhow::bail!(
@@ -221,7 +232,39 @@ impl NetworkArgs {
                 out.display()
             );
         }
-        Ok(true)
+        Ok(NetworkFolder { settings: settings.settings, is_begun: true })
+    }
+}
+
+/// A folder of networks.
+struct NetworkFolder {
+    /// Key of all that decides the networks.
+    settings: String,
+    /// Whether it had these settings before.
+    is_begun: bool,
+}
+
+/// File of the state of a training.
+struct TrainingState {
+    path: PathBuf,
+    key: String,
+}
+
+impl FitCheckpoint for TrainingState {
+    fn key(&self) -> &str {
+        &self.key
+    }
+
+    fn place(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
+        Ok(read_if_there(&self.path)?)
+    }
+
+    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
+        Ok(write_safely(&self.path, |file| file.write_all(state))?)
     }
 }
 

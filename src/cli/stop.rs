@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::evaluation::EvaluationError;
+use crate::reconstruction::ReconstructionError;
 use crate::studies::StudyError;
 
 /// Whether SIGTERM or SIGUSR1 has come. Other systems have no such signals.
@@ -23,6 +24,11 @@ impl StopSignal {
         Self(stop)
     }
 
+    /// Listens where there is a state to keep. Elsewhere a signal ends the program at once.
+    pub(super) fn listen_if(keeps_state: bool) -> Self {
+        if keeps_state { Self::listen() } else { Self(Arc::default()) }
+    }
+
     /// `Break` once a signal has come.
     pub(super) fn check(&self) -> ControlFlow<()> {
         if self.0.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -33,4 +39,5 @@ impl StopSignal {
 pub(super) fn is_stopped(error: &anyhow::Error) -> bool {
     error.downcast_ref::<EvaluationError>().is_some_and(EvaluationError::is_cancelled)
         || matches!(error.downcast_ref(), Some(StudyError::Cancelled))
+        || matches!(error.downcast_ref(), Some(ReconstructionError::Cancelled))
 }

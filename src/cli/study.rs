@@ -195,7 +195,7 @@ impl MissingArgs {
                 CellState::Waiting => "waiting".to_owned(),
                 other => other.failure().map_or(String::new(), |failure| format!("failed: {failure}")),
             };
-            format!("{}  {}  {state}", folder.ids()[index], folder.cells()[index].name())
+            format!("{}  {}  {state}", folder.ids()[index], folder.plan().name_of(&folder.cells()[index]))
         };
         output::print(&missing.iter().map(line).collect::<Vec<_>>().join("\n"))
     }

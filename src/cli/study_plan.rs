@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
@@ -155,7 +155,11 @@ impl PlanArgs {
 
     /// The plan with its changes.
     pub fn plan(&self) -> anyhow::Result<Plan> {
-        self.changes.applied_to(&self.plan)
+        let plan = self.changes.applied_to(&self.plan)?;
+        if self.plan.is_file() {
+            plan.cells().with_context(|| self.plan.display().to_string())?;
+        }
+        Ok(plan)
     }
 }
 

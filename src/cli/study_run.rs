@@ -71,6 +71,9 @@ impl RunArgs {
         if let Some(sentence) = folder.plan().left_out()? {
             output::report(format_args!("{sentence}"));
         }
+        for sentence in folder.plan().missing_files(folder.cells()) {
+            output::report(format_args!("{sentence}"));
+        }
         let Some(summary) = run_with_bar(&folder, shard)? else {
             // The scheduler or a person asked to stop, and the state is kept.
             output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
@@ -131,8 +134,10 @@ fn listed(plan: &Plan, shard: Shard) -> anyhow::Result<String> {
     let ranks = Shard::ranks(&cells);
     let own: Vec<usize> = (0..cells.len()).filter(|&index| shard.holds(ranks[index])).collect();
     let time: Duration = times_of(own.iter().map(|&index| &cells[index])).iter().sum();
-    let mut lines: Vec<String> = own.iter().map(|&index| format!("{}  {}", ids[index], cells[index].name())).collect();
+    let mut lines: Vec<String> =
+        own.iter().map(|&index| format!("{}  {}", ids[index], plan.name_of(&cells[index]))).collect();
     lines.extend(plan.left_out()?);
+    lines.extend(plan.missing_files(&cells));
     lines.push(format!("{}, about {} on one machine", counted(own.len(), "cell"), format_duration(time)));
     Ok(lines.join("\n"))
 }
@@ -150,11 +155,13 @@ fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<Run
                     progress_line.report(format_args!("{}: about {left} to go", counted(*cells, "cell")));
                     is_announced = true;
                 }
-                let text = format!("Cell {number} of {cells}, about {left} to go: {}: {step}", cell.name());
+                let text =
+                    format!("Cell {number} of {cells}, about {left} to go: {}: {step}", folder.plan().name_of(cell));
                 progress_line.show(number - 1, *cells, &text);
             }
             PlanEvent::Done { number, cells, record, .. } => {
-                progress_line.report(finished(*number, *cells, record));
+                let name = folder.plan().name_of(&record.settings);
+                progress_line.report(format_args!("Cell {number} of {cells}: {name}: {}", result_of(record)));
             }
         }
         stop.check()
@@ -167,10 +174,9 @@ fn run_with_bar(folder: &StudyFolder, shard: Shard) -> anyhow::Result<Option<Run
     }
 }
 
-fn finished(number: usize, cells: usize, record: &CellRecord) -> String {
-    let result = match (&record.estimate, &record.failure) {
+fn result_of(record: &CellRecord) -> String {
+    match (&record.estimate, &record.failure) {
         (Some(estimate), _) => format!("{}, {:.1} s", estimate.bounds(), record.seconds),
         (None, failure) => format!("failed: {}", failure.as_deref().unwrap_or("no reason is known")),
-    };
-    format!("Cell {number} of {cells}: {}: {result}", record.settings.name())
+    }
 }

@@ -104,6 +104,14 @@ pub enum MaskError {
 }
 
 impl MaskSource {
+    /// Its file, with options.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::Psf(path, _) | Self::Fit(path, _) | Self::Design(path) => Some(path),
+            Self::Heuristic(_) | Self::Random(_) | Self::Depth(_) | Self::Diffuser(_) => None,
+        }
+    }
+
     /// The mask of a text that need not be UTF-8, as paths need not be.
     ///
     /// # Errors

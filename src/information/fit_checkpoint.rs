@@ -38,14 +38,14 @@ pub trait FitCheckpoint: Sync {
 }
 
 /// Arrays of a checkpoint: weights, optimizer state, and the best weights on validation patches.
-pub(in crate::information) struct FitArrays<'a> {
+pub(crate) struct FitArrays<'a> {
     pub weights: &'a [f32],
     pub optimizer: &'a Optimizer,
     pub best: Option<&'a [f32]>,
 }
 
 /// Named values in the header of a checkpoint.
-pub(in crate::information) struct FitDetails(HashMap<String, String>);
+pub(crate) struct FitDetails(HashMap<String, String>);
 
 impl FitDetails {
     /// A number of this name.
@@ -65,7 +65,7 @@ const STEPS: &str = "steps";
 const REFUSED: &str = "refused";
 
 /// The bytes of a checkpoint after `steps`, of which `refused` were skipped.
-pub(in crate::information) fn fit_to_bytes(
+pub(crate) fn fit_to_bytes(
     key: &str,
     numbers: &FitArrays<'_>,
     steps: usize,
@@ -81,7 +81,7 @@ pub(in crate::information) fn fit_to_bytes(
 }
 
 /// Contents of a checkpoint besides weights and optimizer state.
-pub(in crate::information) struct RestoredFit {
+pub(crate) struct RestoredFit {
     pub details: FitDetails,
     pub steps: usize,
     pub refused: usize,
@@ -90,7 +90,7 @@ pub(in crate::information) struct RestoredFit {
 }
 
 /// Loads a checkpoint into weights and optimizer that were prepared for the same fit; `None` where there is none.
-pub(in crate::information) fn restore_fit(
+pub(crate) fn restore_fit(
     keeper: &dyn FitCheckpoint,
     weights: &mut [f32],
     optimizer: &mut Optimizer,
@@ -100,7 +100,7 @@ pub(in crate::information) fn restore_fit(
 }
 
 /// Error for a checkpoint that cannot be read, with its location.
-pub(in crate::information) fn unread(keeper: &dyn FitCheckpoint, error: &dyn std::fmt::Display) -> InformationError {
+pub(crate) fn unread(keeper: &dyn FitCheckpoint, error: &dyn std::fmt::Display) -> InformationError {
     InformationError::WeightsFile { path: keeper.place(), reason: error.to_string() }
 }
 
@@ -135,7 +135,7 @@ fn layout(weights: usize, state: usize, best: bool) -> ParameterLayout {
 /// Checkpoint in memory, for tests.
 #[cfg(test)]
 #[derive(Default)]
-pub(in crate::information) struct InMemory {
+pub(crate) struct InMemory {
     pub state: std::sync::Mutex<Option<Vec<u8>>>,
     pub every: Duration,
 }

@@ -88,16 +88,22 @@ impl ObjectSource {
 impl ObjectSource {
     /// Whether the objects are read from files, which may change.
     pub fn is_read(&self) -> bool {
-        matches!(self, Self::Idx(_) | Self::Cifar(_) | Self::Images(_) | Self::Stack(_))
+        self.path().is_some()
+    }
+
+    /// Its file or folder, with options.
+    pub fn path(&self) -> Option<&Path> {
+        match self {
+            Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => Some(path),
+            Self::Beads { .. } | Self::BeadsMax { .. } | Self::Volume { .. } => None,
+        }
     }
 
     /// Files of the source. A folder gives its images; a folder that cannot be read gives none.
     pub fn files(&self) -> Vec<PathBuf> {
-        match self {
-            Self::Idx(path) | Self::Cifar(path) | Self::Images(path) | Self::Stack(path) => image_files(path)
-                .map_or_else(|_| vec![path.clone()], |files| files.into_iter().map(|file| file.path).collect()),
-            Self::Beads { .. } | Self::BeadsMax { .. } | Self::Volume { .. } => Vec::new(),
-        }
+        let Some(path) = self.path() else { return Vec::new() };
+        image_files(path)
+            .map_or_else(|_| vec![path.to_path_buf()], |files| files.into_iter().map(|file| file.path).collect())
     }
 
     /// The same source with an absolute path.

@@ -21,6 +21,7 @@ mod richardson_lucy;
 mod standard;
 mod total_variation;
 mod trained_decoder;
+mod training_checkpoint;
 mod training_record;
 
 pub use capture::{Capture, CaptureChannel, CaptureError, CaptureFiles, DarkLevel};

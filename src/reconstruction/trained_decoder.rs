@@ -9,7 +9,7 @@ use super::network::{NetworkDecoder, NetworkTraining, TrainedNetwork, TrainingBu
 use super::protocol::DecoderScene;
 use super::published_unet::{TrainedUnet, UnetDecoder, UnetTraining};
 use super::training_record::TrainingRecord;
-use crate::information::EngineChoice;
+use crate::information::{EngineChoice, FitCheckpoint};
 use crate::nn::NetworkError;
 use crate::progress::{CancelToken, Progress};
 
@@ -40,7 +40,7 @@ pub enum TrainedDecoder {
 
 impl DecoderTraining {
     /// Trains a network, from the weights of `start` where there are any. `progress` receives each step. Training pauses
-    /// until it returns.
+    /// until it returns. With a `keeper` a stopped training resumes where it was.
     ///
     /// # Errors
     /// [`ReconstructionError::OneMask`] for a U-net of any mask, [`ReconstructionError::Untrained`] for decoders without training; otherwise
@@ -50,6 +50,7 @@ impl DecoderTraining {
         scene: &DecoderScene,
         masks: &TrainingMasks,
         start: Option<&TrainedDecoder>,
+        keeper: Option<&dyn FitCheckpoint>,
         cancel: &CancelToken,
         progress: &mut dyn Progress<TrainingStep>,
     ) -> Result<TrainedDecoder, ReconstructionError> {
@@ -60,7 +61,7 @@ impl DecoderTraining {
                     TrainedDecoder::Network(network) => Some(&**network),
                     TrainedDecoder::Unet(_) => None,
                 });
-                let network = NetworkTraining { budget, seed }.train(scene, masks, start, cancel, progress)?;
+                let network = NetworkTraining { budget, seed }.train(scene, masks, start, keeper, cancel, progress)?;
                 Ok(TrainedDecoder::Network(Arc::new(network)))
             }
             (DecoderKind::Unet, TrainingMasks::One(model)) => {
@@ -68,7 +69,8 @@ impl DecoderTraining {
                     TrainedDecoder::Unet(network) => Some(&**network),
                     TrainedDecoder::Network(_) => None,
                 });
-                let network = UnetTraining { budget, seed, engine }.train(scene, model, start, cancel, progress)?;
+                let network =
+                    UnetTraining { budget, seed, engine }.train(scene, model, start, keeper, cancel, progress)?;
                 Ok(TrainedDecoder::Unet(Arc::new(network)))
             }
             (DecoderKind::Unet, TrainingMasks::Any { .. }) => Err(ReconstructionError::OneMask),

@@ -6,6 +6,7 @@ use thiserror::Error;
 
 use crate::evaluation::EvaluationError;
 use crate::formats::FormatError;
+use crate::objects::ObjectError;
 
 /// A study that was refused or stopped. A failed cell is no such error: it is recorded, and the study continues.
 #[derive(Debug, Error)]
@@ -30,6 +31,9 @@ pub enum StudyError {
         /// The value found.
         found: String,
     },
+    /// A text names no objects.
+    #[error("{0}; give one of these or a name of the plan's sets")]
+    Objects(#[from] ObjectError),
     /// A file is no plan.
     #[error("{}: expected a plan of a study, found {found}; correct it, or begin with the output of study plan NAME", .path.display())]
     PlanFile {

@@ -48,7 +48,7 @@ impl QualityRequest {
         let decoder = if kind.needs().training {
             let training = DecoderTraining { kind, budget, seed, engine: EngineChoice::Cpu };
             let masks = TrainingMasks::One(model.clone());
-            let trained = training.train(&scene, &masks, None, &cancel, &mut |_: &TrainingStep| poll())?;
+            let trained = training.train(&scene, &masks, None, None, &cancel, &mut |_: &TrainingStep| poll())?;
             trained.decoder(&scene, prior.as_ref())?
         } else {
             kind.decoder(prior, sweeps.map(|sweeps| PosteriorChains::of_sweeps(sweeps, seed)))?

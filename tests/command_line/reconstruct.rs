@@ -1,5 +1,10 @@
 //! Reconstructions of designs and of captures.
 
+#[cfg(unix)]
+use std::io::{BufRead, BufReader};
+#[cfg(unix)]
+use std::process::Stdio;
+
 use lenslet_studio::formats::{read_array, read_grey};
 use serde_json::Value;
 
@@ -55,6 +60,27 @@ fn decoders_without_a_prior_know_no_closed_form() {
         assert_eq!(result["psnr_linear_closed_form_db"], Value::Null);
         assert_eq!(result["noise"], "shot");
     }
+}
+
+/// A scheduler's signal keeps the state of a training, from which the same command goes on.
+#[cfg(unix)]
+#[test]
+fn a_training_that_is_stopped_by_a_signal_resumes() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let line = "reconstruct --decoder network --objects idx:images.idx --test 2 --steps 2 --examples 0 --json --out";
+    let mut child =
+        bench.command().args(format!("{line} a").split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    // The first line is on the images, before the training.
+    assert!(lines.next().unwrap().unwrap().contains("40 images"));
+    assert!(bench.process("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("a: stopped")), "{rest:?}");
+    assert!(bench.path("a/network-1.state").is_file() && !bench.path("a/network-1.safetensors").exists());
+    let (resumed, whole) = (bench.json(&format!("{line} a")), bench.json(&format!("{line} b")));
+    assert_eq!((&resumed["psnr_db"], &resumed["trained"][0]["steps"]), (&whole["psnr_db"], &2.into()));
+    assert!(!bench.path("a/network-1.state").exists() && bench.path("a/network-1.safetensors").is_file());
 }
 
 #[test]

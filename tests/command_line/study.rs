@@ -181,21 +181,23 @@ fn signals_of_a_scheduler_stop_a_task_between_checkpoints() {
 #[test]
 fn a_cell_that_fails_has_its_sentence_and_the_others_go_on() {
     let bench = Bench::new();
-    let line = "study run patches --estimator gaussian --patches-train 400 --patches-test 40 --patch 70,6,4 --out a";
+    let line = "study run grid --estimator gaussian --patches-train 400 --patches-test 40 --patch 6 --mask heuristic:9 --out a \
+                --objects stack:none.npy --objects beads:0.02 --objects beads:0.05";
     for _ in 0..2 {
         let output = bench.run(format!("{line} --json").split_whitespace());
         assert_eq!(output.status.code(), Some(1));
         let errors = text(&output.stderr);
         assert!(
-            errors.contains("found 1 of 3 failed") && errors.contains("do not fit measurements of 65 x 65"),
+            errors.contains("found 1 of 3 failed")
+                && errors.contains("none.npy: no such file or folder; 1 cell with it will fail"),
             "{errors}"
         );
         assert!(!errors.contains("panicked"), "{errors}");
         let study: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!((cells(&study).len(), &study["failed"]), (2, &json!(1)));
     }
-    assert!(written(&bench, "a/table.md").contains("- failed: beads:0.02, heuristic:9, 70 x 70 px, "));
-    assert!(written(&bench, "a/table.csv").lines().nth(1).unwrap().contains("70 x 70"));
+    assert!(written(&bench, "a/table.md").contains("none.npy, heuristic:9, 6 x 6 px, "));
+    assert!(written(&bench, "a/table.csv").lines().nth(1).unwrap().contains("none.npy"));
 }
 
 #[test]
@@ -214,16 +216,18 @@ fn settings_that_cannot_be_computed_are_refused() {
     let bench = Bench::new();
     bench.write("unknown.toml", bench.done("study plan grid").replace("seed = ", "colour = "));
     bench.write("empty.toml", "");
+    bench.write("large.toml", bench.done("study plan grid").replace("patch = [\"32\"]", "patch = [\"80\"]"));
     for (line, part) in [
         ("run grid", "--out"),
         ("run moon --out out", "one of fig2, fig3"),
         ("run unknown.toml --out out", "unknown field `colour`"),
         ("run empty.toml --out out", "missing field"),
+        ("run large.toml --out out", "large.toml: axis patch: expected at most the sensor of 65 x 65 px"),
         ("run grid --mask heuristic:10 --out out", "1 to 9"),
         ("run grid --mask heuristic:4 --mask heuristic:4 --out out", "heuristic:4 twice"),
         ("run grid --objects mnist --out out", "--set mnist=idx:FILE"),
         ("run grid --set mnist --out out", "NAME=SOURCE"),
-        ("run grid --objects pearls:1 --out out", "pearls:1"),
+        ("run grid --objects pearls:1 --out out", "or a name of the plan's sets"),
         ("run grid --estimator gaussian --budget 60s --out out", "leave them out"),
         ("run grid --estimator magic --out out", "causal"),
         ("run grid --noise none --out out", "without noise"),

@@ -2,27 +2,30 @@
 
 use std::path::{Path, PathBuf};
 
+use egui::{Event, Modifiers, PointerButton, vec2};
 use egui_kittest::kittest::{NodeT, Queryable};
 use lenslet_studio::forward::Design;
 use lenslet_studio::information::Estimator;
+use lenslet_studio::reconstruction::DecoderKind;
 use lenslet_studio::sensor::PatchSize;
-use lenslet_studio::studies::plans::{Axes, Axis, EstimateSettings, Facet, Plan, PlotSettings, StudyMask};
+use lenslet_studio::studies::plans::{
+    Axes, Axis, EstimateSettings, Facet, Plan, PlotSettings, ReconstructionSettings, StudyDecoder, StudyMask,
+};
 use lenslet_studio::workbench::{StudyStatus, StudyView};
 
 use super::home::at_home;
 use super::waiting::wait_for;
 use super::{Window, answer, click, close, lenslets, open, studio};
 
-/// Two masks imaging beads of two densities, in fractions of a second.
-fn write_plan(folder: &Path) -> PathBuf {
-    write_plan_of(folder, Estimator::GaussianStationary, None)
-}
+/// Distance of the places of a plot where the pointer looks for a point, less than twice the distance at which it finds one.
+const STEP: f32 = 16.0;
 
-fn write_plan_of(folder: &Path, estimator: Estimator, seconds: Option<f64>) -> PathBuf {
+/// Two masks imaging beads of two densities, in fractions of a second.
+fn small_plan() -> Plan {
     let mask = vec![StudyMask::heuristic(2), StudyMask::heuristic(5)];
     let axes = Axes {
         patch: vec![PatchSize::Shape(6, 6)],
-        estimator: vec![estimator],
+        estimator: vec![Estimator::GaussianStationary],
         ..Axes::new(mask, vec!["beads:0.008".into(), "beads:0.05".into()])
     };
     let plot = PlotSettings {
@@ -33,8 +36,11 @@ fn write_plan_of(folder: &Path, estimator: Estimator, seconds: Option<f64>) -> P
         optima: true,
         scatter: false,
     };
-    let estimates = EstimateSettings { patches_train: 200, patches_test: 40, seconds, ..EstimateSettings::default() };
-    let plan = Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) };
+    let estimates = EstimateSettings { patches_train: 200, patches_test: 40, ..EstimateSettings::default() };
+    Plan { estimates, ..Plan::new("small", "Two layouts", axes, plot) }
+}
+
+fn write_plan(folder: &Path, plan: &Plan) -> PathBuf {
     let file = folder.join("small.toml");
     plan.save(&file).unwrap();
     file
@@ -68,7 +74,7 @@ fn begin(window: &mut Window, plan: &Path, folder: &Path) {
 #[test]
 fn a_plan_fills_its_cells_and_its_plot() {
     let place = tempfile::tempdir().unwrap();
-    let (plan, folder) = (write_plan(place.path()), place.path().join("study"));
+    let (plan, folder) = (write_plan(place.path(), &small_plan()), place.path().join("study"));
     let home = tempfile::tempdir().unwrap();
     let mut window = at_home(home.path());
     begin(&mut window, &plan, &folder);
@@ -103,10 +109,55 @@ fn a_plan_fills_its_cells_and_its_plot() {
 }
 
 #[test]
+fn psnr_is_drawn_against_information_and_a_point_opens_its_design() {
+    let place = tempfile::tempdir().unwrap();
+    let mut plan = small_plan();
+    plan.axes.decoder = vec![StudyDecoder::Kind(DecoderKind::Linear), StudyDecoder::Kind(DecoderKind::RichardsonLucy)];
+    let of_four = ReconstructionSettings { test_objects: 4, ..ReconstructionSettings::of(DecoderKind::Linear) };
+    plan.reconstruction = Some(of_four);
+    plan.plot = PlotSettings {
+        x: Facet::Axis(Axis::Mask),
+        lines: Facet::Axis(Axis::Decoder),
+        panels: Some(Facet::Axis(Axis::Objects)),
+        logarithmic: false,
+        optima: false,
+        scatter: true,
+    };
+    let (plan, folder) = (write_plan(place.path(), &plan), place.path().join("study"));
+    let mut window = open(Design::default());
+    begin(&mut window, &plan, &folder);
+    click(&mut window, "Start study");
+    wait_until_idle(&mut window);
+    assert!(shows(&window, "8 of 8 cells done"), "{:?}", study(&window));
+    // The pointer finds a point of a panel.
+    let plot = window.get_by_label("Study plot").rect();
+    let (rows, cols) = ((plot.height() / STEP) as usize, (plot.width() / STEP) as usize);
+    let places = (0..rows * cols).map(|index| ((index % cols) as f32 * STEP, (index / cols) as f32 * STEP));
+    let found = places.into_iter().find(|&(x, y)| {
+        window.hover_at(plot.min + vec2(x, y));
+        window.run_steps(2);
+        shows(&window, "bits per pixel") && shows(&window, "dB at")
+    });
+    let (x, y) = found.expect("a point of the plot");
+    let place = plot.min + vec2(x, y);
+    for pressed in [true, false] {
+        let (button, modifiers) = (PointerButton::Primary, Modifiers::NONE);
+        window.input_mut().events.push(Event::PointerButton { pos: place, button, pressed, modifiers });
+        window.step();
+    }
+    window.run_steps(4);
+    let design = studio(&window).session().design();
+    assert!(design.objects.is_beads() && design.objects != Design::default().objects, "{:?}", design.objects);
+}
+
+#[test]
 fn a_study_is_paused_and_stopped() {
     let place = tempfile::tempdir().unwrap();
     // No cell ends before the test does.
-    let (plan, folder) = (write_plan_of(place.path(), Estimator::Causal, Some(3600.0)), place.path().join("study"));
+    let mut plan = small_plan();
+    plan.axes.estimator = vec![Estimator::Causal];
+    plan.estimates.seconds = Some(3600.0);
+    let (plan, folder) = (write_plan(place.path(), &plan), place.path().join("study"));
     let mut window = open(Design::default());
     begin(&mut window, &plan, &folder);
     for _ in 0..2 {

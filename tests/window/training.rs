@@ -190,7 +190,7 @@ fn weights_are_exported_opened_and_refused_for_another_mask() {
     let scene = DecoderScene::new(&forward, Protocol::Default).unwrap();
     let masks = TrainingMasks::One(scene.model(forward.psf(&design).unwrap().view()).unwrap());
     let (order, cancel) = (NetworkTraining { budget: TrainingBudget::Steps(2), seed: design.seed }, CancelToken::new());
-    let expected = order.train(&scene, &masks, None, &cancel, &mut cancel.clone()).unwrap();
+    let expected = order.train(&scene, &masks, None, None, &cancel, &mut cancel.clone()).unwrap();
     let NetworkFit::Current(network_of_window) = network.network.as_ref().unwrap() else { panic!("it is current") };
     assert_eq!(network_of_window.training.psnr_db, expected.training.psnr_db);
     assert_eq!(network_of_window.training.curve[0].psnr_db, expected.training.curve[0].psnr_db);

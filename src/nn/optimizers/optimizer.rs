@@ -151,6 +151,11 @@ impl Optimizer {
         self.steps = steps;
     }
 
+    /// Steps since the start of the optimizer.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
     /// The averaged weights, or the given ones without averaging.
     pub fn result<'a>(&'a self, weights: &'a [f32]) -> &'a [f32] {
         self.average.as_deref().unwrap_or(weights)

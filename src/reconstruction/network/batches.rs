@@ -12,6 +12,7 @@ use crate::objects::{ObjectSet, Split};
 use crate::progress::CancelToken;
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
+use crate::reconstruction::model::ImagingModel;
 use crate::reconstruction::protocol::DecoderScene;
 use crate::seeds::SeedStream;
 
@@ -98,12 +99,49 @@ impl<'a> Batches<'a> {
     }
 
     fn prepare(&mut self, fold: usize, cancel: &CancelToken) -> Result<(usize, Features), ReconstructionError> {
-        let model = match self.masks {
-            TrainingMasks::One(model) => model.clone(),
-            TrainingMasks::Any { psf } => self.scene.model(random_psf(*psf, &mut self.random)?.view())?,
-        };
+        let model = self.next_model()?;
+        Ok((fold, self.features(fold, &model, cancel)?))
+    }
+
+    /// The mask, or a new one of any.
+    fn next_model(&mut self) -> Result<ImagingModel, ReconstructionError> {
+        match self.masks {
+            TrainingMasks::One(model) => Ok(model.clone()),
+            TrainingMasks::Any { psf } => self.scene.model(random_psf(*psf, &mut self.random)?.view()),
+        }
+    }
+
+    fn features(
+        &self,
+        fold: usize,
+        model: &ImagingModel,
+        cancel: &CancelToken,
+    ) -> Result<Features, ReconstructionError> {
         let moments = (self.deviation, self.scene.set.mean());
-        Ok((fold, Features::new(&model, &self.folds[fold].prior, moments, cancel)?))
+        Features::new(model, &self.folds[fold].prior, moments, cancel)
+    }
+
+    /// Goes on behind the samples of so many steps, as if they had been drawn.
+    pub(super) fn skip(&mut self, steps: usize, cancel: &CancelToken) -> Result<(), ReconstructionError> {
+        let before = steps - steps % TOGETHER;
+        if matches!(self.masks, TrainingMasks::Any { .. }) {
+            // Masks that were replaced again need no preparation.
+            let mut newest: Vec<Option<ImagingModel>> = vec![None; self.bank.len()];
+            for replacement in 1..before.div_ceil(STEPS_PER_MASK) {
+                newest[replacement % self.bank.len()] = Some(self.next_model()?);
+            }
+            for (place, model) in newest.into_iter().enumerate() {
+                if let Some(model) = model {
+                    let fold = self.bank[place].0;
+                    self.bank[place] = (fold, self.features(fold, &model, cancel)?);
+                }
+            }
+        }
+        self.drawn = before * BATCH;
+        for _ in before..steps {
+            self.next(cancel)?;
+        }
+        Ok(())
     }
 
     /// The samples of a step.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ndarray::{Array2, Axis};
 
 use super::*;
-use crate::information::Protocol;
+use crate::information::{InMemory, Protocol};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::progress::CancelToken;
 use crate::reconstruction::decoder::{Decoder, DecoderKind};
@@ -57,8 +57,11 @@ fn model(scene: &DecoderScene, second: (usize, usize)) -> ImagingModel {
 }
 
 fn train(scene: &DecoderScene, masks: &TrainingMasks, steps: usize) -> TrainedNetwork {
-    let training = NetworkTraining { budget: TrainingBudget::Steps(steps), seed: 3 };
-    training.train(scene, masks, None, &CancelToken::new(), &mut CancelToken::new()).unwrap()
+    train_with(&NetworkTraining { budget: TrainingBudget::Steps(steps), seed: 3 }, scene, masks)
+}
+
+fn train_with(training: &NetworkTraining, scene: &DecoderScene, masks: &TrainingMasks) -> TrainedNetwork {
+    training.train(scene, masks, None, None, &CancelToken::new(), &mut CancelToken::new()).unwrap()
 }
 
 #[test]
@@ -146,7 +149,8 @@ fn network_for_any_mask_serves_all_of_its_grid() {
     // Training for one mask begins there.
     let training = NetworkTraining { budget: TrainingBudget::Steps(1), seed: 4 };
     let masks = TrainingMasks::One(model(&scene, (1, 6)));
-    let further = training.train(&scene, &masks, Some(&network), &CancelToken::new(), &mut CancelToken::new()).unwrap();
+    let further =
+        training.train(&scene, &masks, Some(&network), None, &CancelToken::new(), &mut CancelToken::new()).unwrap();
     assert_eq!(further.deviation, network.deviation);
     assert_ne!(further.training.mask, network.training.mask);
 }
@@ -161,11 +165,42 @@ fn progress_is_reported_after_each_step_and_ends_training() {
         seen.push((step.steps, step.done));
         if step.steps == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
-    let result = training.train(&scene, &masks, None, &CancelToken::new(), &mut progress);
+    let result = training.train(&scene, &masks, None, None, &CancelToken::new(), &mut progress);
     assert!(matches!(result, Err(ReconstructionError::Cancelled)));
     assert_eq!(seen, [(1, 0.02), (2, 0.04)]);
     let cancelled = CancelToken::new();
     cancelled.cancel();
-    let result = training.train(&scene, &masks, None, &cancelled, &mut CancelToken::new());
+    let result = training.train(&scene, &masks, None, None, &cancelled, &mut CancelToken::new());
     assert!(matches!(result, Err(ReconstructionError::Cancelled)));
+}
+
+#[test]
+fn a_stopped_training_resumes_to_the_same_weights() {
+    let scene = beads();
+    // A mask of any is replaced after 24 steps, and objects are drawn for eight.
+    for (masks, steps, stop) in [
+        (TrainingMasks::One(model(&scene, (1, 6))), 20, 13),
+        (TrainingMasks::Any { psf: (9, 9) }, 30, 27),
+        (TrainingMasks::Any { psf: (9, 9) }, 34, 32),
+    ] {
+        let training = NetworkTraining { budget: TrainingBudget::Steps(steps), seed: 5 };
+        let keeper = InMemory::of_cancelled();
+        let mut at = |step: &TrainingStep| {
+            if step.steps == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let stopped = training.train(&scene, &masks, None, Some(&keeper), &CancelToken::new(), &mut at);
+        assert!(matches!(stopped, Err(ReconstructionError::Cancelled)));
+        let mut first = None;
+        let mut note = |step: &TrainingStep| {
+            first.get_or_insert(step.steps);
+            ControlFlow::Continue(())
+        };
+        let resumed = training.train(&scene, &masks, None, Some(&keeper), &CancelToken::new(), &mut note).unwrap();
+        assert_eq!(first, Some(stop + 1));
+        let whole = train_with(&training, &scene, &masks);
+        assert!(resumed.weights == whole.weights, "{masks:?}");
+        let psnrs =
+            |network: &TrainedNetwork| network.training.curve.iter().map(|point| point.psnr_db).collect::<Vec<_>>();
+        assert_eq!((psnrs(&resumed), resumed.training.steps), (psnrs(&whole), steps));
+    }
 }

@@ -14,6 +14,7 @@ use super::layers::Layers;
 use super::masks::{TrainingMasks, random_psf};
 use super::trained::TrainedNetwork;
 use super::unet::{Activations, Ready, check_memory};
+use crate::information::FitCheckpoint;
 use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
 use crate::objects::{ObjectSet, Split};
 use crate::progress::{CancelToken, Progress};
@@ -21,6 +22,7 @@ use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
 use crate::reconstruction::protocol::DecoderScene;
 use crate::reconstruction::quality::psnr_db;
+use crate::reconstruction::training_checkpoint::{Restored, TrainingArrays, TrainingCheckpoint};
 use crate::reconstruction::training_record::{NetworkMask, TrainingPoint, TrainingRecord};
 use crate::seeds::SeedStream;
 
@@ -52,6 +54,16 @@ pub enum TrainingBudget {
     Seconds(f64),
     /// After this number of steps. Equal seeds give equal weights.
     Steps(usize),
+}
+
+impl TrainingBudget {
+    /// Share of the budget after a number of steps and this time of work, seconds.
+    pub(in crate::reconstruction) fn done(self, steps: usize, seconds: f64) -> f64 {
+        match self {
+            Self::Seconds(budget) => seconds / budget.max(1e-3),
+            Self::Steps(budget) => steps as f64 / budget.max(1) as f64,
+        }
+    }
 }
 
 /// Progress of training, reported after each step.
@@ -96,7 +108,8 @@ pub struct NetworkTraining {
 impl NetworkTraining {
     /// Trains a network for the objects of a scene, from the weights of `start` where there are any.
     ///
-    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work.
+    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work. With a `keeper` a stopped training
+    /// resumes where it was.
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where mask and field do not fit, and where `start` is of other objects;
@@ -106,6 +119,7 @@ impl NetworkTraining {
         scene: &DecoderScene,
         masks: &TrainingMasks,
         start: Option<&TrainedNetwork>,
+        keeper: Option<&dyn FitCheckpoint>,
         cancel: &CancelToken,
         progress: &mut dyn Progress<TrainingStep>,
     ) -> Result<TrainedNetwork, ReconstructionError> {
@@ -131,18 +145,23 @@ impl NetworkTraining {
             None => layers.layout.draw(seed),
         };
         let mut run = Run::new(&layers, scene, weights);
-        let mut best = Best::new(&validation, &run, cancel)?;
-        let mut curve = Vec::new();
+        let mut checkpoint = TrainingCheckpoint::new(keeper);
+        let restored = checkpoint.restore(&mut run.weights, &mut run.optimizer)?;
+        let (mut best, mut curve) = match restored {
+            Some(Restored { steps, best, counters }) => {
+                let Counters { curve, best_psnr_db, .. } = run.resume(steps, counters);
+                batches.skip(steps, cancel)?;
+                (Best { weights: best, psnr_db: best_psnr_db }, curve)
+            }
+            None => (Best::new(&validation, &run, cancel)?, Vec::new()),
+        };
         let mut trained = None;
-        let mut done = 0.0;
+        let mut done = self.budget.done(run.steps, run.seconds);
         while done < 1.0 {
             let started = Instant::now();
             let batch = batches.next(cancel)?;
             run.step(&batch, done, cancel)?;
-            done = match self.budget {
-                TrainingBudget::Seconds(budget) => (run.seconds + started.elapsed().as_secs_f64()) / budget.max(1e-3),
-                TrainingBudget::Steps(steps) => run.steps as f64 / steps.max(1) as f64,
-            };
+            done = self.budget.done(run.steps, run.seconds + started.elapsed().as_secs_f64());
             if run.steps.is_multiple_of(STEPS_PER_VALIDATION) || done >= 1.0 {
                 let psnr_db = best.validate(&validation, &run, cancel)?;
                 let seconds = run.seconds + started.elapsed().as_secs_f64();
@@ -169,7 +188,13 @@ impl NetworkTraining {
                 restarts: run.restarts,
                 best: trained.clone(),
             };
-            if progress.report(&step).is_break() || cancel.is_cancelled() {
+            let is_stopped = progress.report(&step).is_break() || cancel.is_cancelled();
+            if done < 1.0 && (is_stopped || checkpoint.is_due()) {
+                let Run { weights, optimizer, steps, .. } = &run;
+                let arrays = TrainingArrays { weights, optimizer, best: &best.weights };
+                checkpoint.keep(arrays, *steps, &run.counters(&curve, best.psnr_db))?;
+            }
+            if is_stopped {
                 return Err(ReconstructionError::Cancelled);
             }
         }
@@ -178,8 +203,19 @@ impl NetworkTraining {
     }
 }
 
+/// What a checkpoint holds beside weights and optimizer.
+#[derive(Serialize, Deserialize)]
+struct Counters {
+    rate: f32,
+    seconds: f64,
+    restarts: usize,
+    recent: Option<Recent>,
+    best_psnr_db: f64,
+    curve: Vec<TrainingPoint>,
+}
+
 /// Recent mean squared errors, in units of the squared peak.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Serialize, Deserialize)]
 struct Recent {
     loss: f64,
     linear: f64,
@@ -227,6 +263,19 @@ impl<'a> Run<'a> {
             layers,
             weights,
         }
+    }
+
+    /// Goes on after a number of steps; weights and optimizer are restored already.
+    fn resume(&mut self, steps: usize, counters: Counters) -> Counters {
+        let Counters { rate, seconds, restarts, recent, .. } = counters;
+        (self.steps, self.rate, self.seconds) = (steps, rate, seconds);
+        (self.restarts, self.recent) = (restarts, recent);
+        counters
+    }
+
+    fn counters(&self, curve: &[TrainingPoint], best_psnr_db: f64) -> Counters {
+        let &Self { rate, seconds, restarts, recent, .. } = self;
+        Counters { rate, seconds, restarts, recent, best_psnr_db, curve: curve.to_vec() }
     }
 
     /// The averaged weights.

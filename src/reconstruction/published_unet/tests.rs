@@ -7,8 +7,7 @@ use ndarray::{Array2, Axis};
 
 use super::objects::{image_of, padded};
 use super::*;
-use crate::information::EngineChoice;
-use crate::information::Protocol;
+use crate::information::{EngineChoice, InMemory, Protocol};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
 use crate::progress::CancelToken;
 use crate::reconstruction::decoder::{Decoder, DecoderKind};
@@ -36,7 +35,7 @@ fn model(scene: &DecoderScene, second: (usize, usize)) -> ImagingModel {
 
 fn train(scene: &DecoderScene, model: &ImagingModel, steps: usize) -> TrainedUnet {
     let training = UnetTraining { budget: TrainingBudget::Steps(steps), seed: 3, engine: EngineChoice::Cpu };
-    training.train(scene, model, None, &CancelToken::new(), &mut CancelToken::new()).unwrap()
+    training.train(scene, model, None, None, &CancelToken::new(), &mut CancelToken::new()).unwrap()
 }
 
 #[test]
@@ -77,7 +76,7 @@ fn network_learns_and_serves_its_own_mask_and_scene() {
         ControlFlow::Continue(())
     };
     let training = UnetTraining { budget: TrainingBudget::Steps(20), seed: 3, engine: EngineChoice::Cpu };
-    let network = training.train(&scene, &model, None, &CancelToken::new(), &mut note).unwrap();
+    let network = training.train(&scene, &model, None, None, &CancelToken::new(), &mut note).unwrap();
     assert!(losses.len() == 20 && losses.iter().all(|loss| loss.is_finite()), "{losses:?}");
     let (first, best) = (network.training.curve[0], network.training.psnr_db);
     assert!(network.training.curve.len() == 10 && best > first.psnr_db, "{best} {:?}", network.training.curve);
@@ -108,9 +107,33 @@ fn training_is_cancelled_and_too_large_fields_are_refused() {
         if step.steps == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     };
     let training = UnetTraining { budget: TrainingBudget::Steps(9), seed: 3, engine: EngineChoice::Cpu };
-    let result = training.train(&scene, &model(&scene, (1, 6)), None, &CancelToken::new(), &mut stop);
+    let result = training.train(&scene, &model(&scene, (1, 6)), None, None, &CancelToken::new(), &mut stop);
     assert!(matches!(result, Err(ReconstructionError::Cancelled)) && steps == 2);
     let large = self::scene((2000, 2000));
-    let result = training.train(&large, &model(&large, (1, 6)), None, &CancelToken::new(), &mut CancelToken::new());
+    let result =
+        training.train(&large, &model(&large, (1, 6)), None, None, &CancelToken::new(), &mut CancelToken::new());
     assert!(matches!(result, Err(ReconstructionError::TooLarge { .. })));
+}
+
+#[test]
+fn a_stopped_training_resumes_to_the_same_weights() {
+    let scene = scene((14, 17));
+    let model = model(&scene, (1, 6));
+    // Before the first validation, and after some.
+    for (steps, stop) in [(30, 2), (12, 7)] {
+        let training = UnetTraining { budget: TrainingBudget::Steps(steps), seed: 3, engine: EngineChoice::Cpu };
+        let keeper = InMemory::of_cancelled();
+        let mut at = |step: &TrainingStep| {
+            if step.steps == stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        let stopped = training.train(&scene, &model, None, Some(&keeper), &CancelToken::new(), &mut at);
+        assert!(matches!(stopped, Err(ReconstructionError::Cancelled)));
+        let cancel = &mut CancelToken::new();
+        let resumed = training.train(&scene, &model, None, Some(&keeper), &CancelToken::new(), cancel).unwrap();
+        let whole = train(&scene, &model, steps);
+        assert!(resumed.weights == whole.weights);
+        let psnrs =
+            |network: &TrainedUnet| network.training.curve.iter().map(|point| point.psnr_db).collect::<Vec<_>>();
+        assert_eq!(psnrs(&resumed), psnrs(&whole));
+    }
 }

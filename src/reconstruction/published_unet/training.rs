@@ -6,13 +6,14 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use super::burn_module::BurnPasses;
 use super::layers::Layers;
 use super::objects::{Objects, padded};
 use super::passes::{Evaluation, Passes};
 use super::trained::TrainedUnet;
-use crate::information::EngineChoice;
+use crate::information::{EngineChoice, FitCheckpoint};
 use crate::nn::{Averaging, Optimizer, Rule};
 use crate::objects::Split;
 use crate::progress::{CancelToken, Progress};
@@ -21,6 +22,7 @@ use crate::reconstruction::model::ImagingModel;
 use crate::reconstruction::network::{TrainingBudget, TrainingStep};
 use crate::reconstruction::protocol::DecoderScene;
 use crate::reconstruction::quality::psnr_db;
+use crate::reconstruction::training_checkpoint::{TrainingArrays, TrainingCheckpoint};
 use crate::reconstruction::training_record::{NetworkMask, TrainingPoint, TrainingRecord};
 use crate::seeds::SeedStream;
 
@@ -65,7 +67,8 @@ pub struct UnetTraining {
 impl UnetTraining {
     /// Trains the network for a scene and a model of it, from the weights of `start` where there are any.
     ///
-    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work.
+    /// `progress` receives each step. Training pauses until it returns; the pause does not count as work. With a `keeper` a stopped training
+    /// resumes where it was.
     ///
     /// # Errors
     /// [`ReconstructionError`] where there are too few images, where the field does not fit into memory, and where `start` is of other
@@ -75,6 +78,7 @@ impl UnetTraining {
         scene: &DecoderScene,
         model: &ImagingModel,
         start: Option<&TrainedUnet>,
+        keeper: Option<&dyn FitCheckpoint>,
         cancel: &CancelToken,
         progress: &mut dyn Progress<TrainingStep>,
     ) -> Result<TrainedUnet, ReconstructionError> {
@@ -102,10 +106,15 @@ impl UnetTraining {
             EngineChoice::Burn(device) => Engine::Burn(BurnPasses::new(&layers, field, device)?),
         };
         let mut order = Order { seed, epoch: 0, waiting: Vec::new() };
-        let (mut steps, mut seconds, mut done, mut recent) = (0, 0.0, 0.0, None);
-        let mut curve: Vec<TrainingPoint> = Vec::new();
-        let mut validated = (0, 0.0);
-        let mut validation_objects = None;
+        let mut checkpoint = TrainingCheckpoint::new(keeper);
+        let (mut steps, mut counters) = (0, Counters::default());
+        if let Some(restored) = checkpoint.restore(&mut weights, &mut optimizer)? {
+            (steps, counters, best.weights) = (restored.steps, restored.counters, restored.best);
+            (best.loss, best.psnr_db) = counters.best.unwrap_or((best.loss, best.psnr_db));
+            best.waited = counters.waited;
+            (0..steps).for_each(|_| drop(order.next()));
+        }
+        let mut done = self.done(steps, counters.seconds);
         while done < 1.0 && best.waited < PATIENCE {
             let started = Instant::now();
             let batch = training.examples(&order.next())?;
@@ -120,48 +129,75 @@ impl UnetTraining {
             weights[..trained].iter_mut().for_each(|weight| *weight *= kept);
             optimizer.step(&mut weights[..trained], &gradient, 1.0, rate as f32);
             steps += 1;
-            let last = recent.unwrap_or(loss);
-            recent = Some(last + RECENT * (loss - last));
-            let spent = match self.budget {
-                TrainingBudget::Seconds(budget) => (seconds + started.elapsed().as_secs_f64()) / budget.max(1e-3),
-                TrainingBudget::Steps(steps_of_budget) => steps as f64 / steps_of_budget.max(1) as f64,
-            };
-            done = spent.max(steps as f64 / (EPOCHS * OBJECTS.div_ceil(BATCH)) as f64).min(1.0);
-            let (last_steps, last_done) = validated;
+            let last = counters.recent.unwrap_or(loss);
+            counters.recent = Some(last + RECENT * (loss - last));
+            done = self.done(steps, counters.seconds + started.elapsed().as_secs_f64());
+            let (last_steps, last_done) = counters.validated;
             let is_epoch = steps - last_steps >= OBJECTS.div_ceil(BATCH);
             if is_epoch || done - last_done >= SHARE_BETWEEN_VALIDATIONS || done >= 1.0 {
-                validated = (steps, done);
-                let count = *validation_objects
+                counters.validated = (steps, done);
+                let count = *counters
+                    .validation_objects
                     .get_or_insert_with(|| (VALIDATION_OBJECTS_PER_STEP * steps).clamp(BATCH, MOST_VALIDATION_OBJECTS));
                 let evaluation = Evaluation::new(&layers, &weights, field);
                 let point = Losses::of(&evaluation, &validation, (count, model.field()), cancel)?;
                 best.take(&point, &weights);
-                let seconds = seconds + started.elapsed().as_secs_f64();
-                curve.push(TrainingPoint { steps, seconds, psnr_db: point.psnr_db });
+                (counters.best, counters.waited) = (Some((best.loss, best.psnr_db)), best.waited);
+                let seconds = counters.seconds + started.elapsed().as_secs_f64();
+                counters.curve.push(TrainingPoint { steps, seconds, psnr_db: point.psnr_db });
             }
-            seconds += started.elapsed().as_secs_f64();
+            counters.seconds += started.elapsed().as_secs_f64();
+            let seconds = counters.seconds;
             let step = TrainingStep {
                 steps,
                 done: if best.waited < PATIENCE { done } else { 1.0 },
                 seconds,
                 steps_per_second: steps as f64 / seconds.max(1e-9),
-                loss: recent.unwrap_or(loss),
+                loss: counters.recent.unwrap_or(loss),
                 linear_loss: None,
                 linear_psnr_db: None,
-                validation: curve.last().copied(),
+                validation: counters.curve.last().copied(),
                 restarts: 0,
                 best: None,
             };
-            if progress.report(&step).is_break() || cancel.is_cancelled() {
+            let is_stopped = progress.report(&step).is_break() || cancel.is_cancelled();
+            if step.done < 1.0 && (is_stopped || checkpoint.is_due()) {
+                let arrays = TrainingArrays { weights: &weights, optimizer: &optimizer, best: &best.weights };
+                checkpoint.keep(arrays, steps, &counters)?;
+            }
+            if is_stopped {
                 return Err(ReconstructionError::Cancelled);
             }
         }
+        let Counters { seconds, curve, .. } = counters;
         let record = TrainingRecord::new(scene, NetworkMask::of(model), self.seed);
         Ok(TrainedUnet {
             training: TrainingRecord { steps, seconds, psnr_db: best.psnr_db, curve, ..record },
             weights: best.weights,
         })
     }
+}
+
+impl UnetTraining {
+    /// Share of budget or schedule after a number of steps and this time of work, seconds.
+    fn done(&self, steps: usize, seconds: f64) -> f64 {
+        let of_schedule = steps as f64 / (EPOCHS * OBJECTS.div_ceil(BATCH)) as f64;
+        self.budget.done(steps, seconds).max(of_schedule).min(1.0)
+    }
+}
+
+/// What a checkpoint holds beside weights and optimizer.
+#[derive(Default, Serialize, Deserialize)]
+struct Counters {
+    seconds: f64,
+    recent: Option<f64>,
+    curve: Vec<TrainingPoint>,
+    /// Steps and share of the budget at the last validation.
+    validated: (usize, f64),
+    validation_objects: Option<usize>,
+    /// Loss and PSNR of the best weights, once there are any.
+    best: Option<(f64, f64)>,
+    waited: usize,
 }
 
 /// What computes the steps.

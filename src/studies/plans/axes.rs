@@ -347,9 +347,5 @@ fn source_of(name: &str, sets: &BTreeMap<String, ObjectSource>) -> Result<Object
             found: "none".into(),
         });
     }
-    ObjectSource::from_os(OsStr::new(name)).map_err(|error| StudyError::Plan {
-        what: format!("objects {name}"),
-        expected: "a source of objects or a name of the plan's sets".into(),
-        found: error.to_string(),
-    })
+    Ok(ObjectSource::from_os(OsStr::new(name))?)
 }

@@ -249,7 +249,17 @@ impl CellSettings {
         }
         let usual = on_grid(Design::default().encoder, self.grid.shape());
         let design = self.design(usual.unwrap_or_else(|_| Design::default().encoder));
-        Ok(design.check().map_err(EvaluationError::from)?)
+        design.check().map_err(EvaluationError::from)?;
+        // The sizes of stacks and of masks from files are known once these are read.
+        let is_known = self.mask.source().path().is_none() && !matches!(self.objects, ObjectSource::Stack(_));
+        let Some((rows, cols)) = self.patch.shape().filter(|_| is_known) else { return Ok(()) };
+        let (psf_rows, psf_cols) = design.encoder.grid();
+        let sensor = (design.field.0 + 1 - psf_rows, design.field.1 + 1 - psf_cols);
+        if rows > sensor.0 || cols > sensor.1 {
+            let expected = format!("at most the sensor of {} x {} px", sensor.0, sensor.1);
+            return refused("axis patch", expected, format!("{rows} x {cols} px"));
+        }
+        Ok(())
     }
 
     /// Share of the pixels that hold a bead, where the objects are beads.
@@ -264,6 +274,11 @@ impl CellSettings {
 
     /// Objects, mask, patch, estimator and decoder for people, and what is not as published.
     pub fn name(&self) -> String {
+        self.name_with(&self.objects.to_string())
+    }
+
+    /// The name with another one for the objects, as a plan has for its sets.
+    pub(super) fn name_with(&self, objects: &str) -> String {
         let patch = self.patch.shape().map_or("sensor".into(), |(rows, cols)| format!("{rows} x {cols} px"));
         let usual = Design::default();
         let others = [
@@ -275,7 +290,7 @@ impl CellSettings {
             self.grid.shape().map(|(rows, cols)| format!("grid {rows} x {cols} px")),
             self.reconstruction.map(|_| format!("decoder {}", self.decoder())),
         ];
-        let parts = [self.objects.to_string(), self.mask.to_string(), patch, self.estimator.to_string()];
+        let parts = [objects.to_owned(), self.mask.to_string(), patch, self.estimator.to_string()];
         parts.into_iter().chain(others.into_iter().flatten()).collect::<Vec<_>>().join(", ")
     }
 }

@@ -176,6 +176,13 @@ impl Painter<'_> {
         top += self.px(10);
         let points = || self.figure.panels.iter().flat_map(|panel| &panel.series).flat_map(|series| &series.points);
         let middle_of = |top: i32| (left + self.px(13), middle(top));
+        if points().next().is_some() {
+            let (x, middle) = middle_of(top);
+            let bar = [(x, middle - self.px(6)), (x, middle + self.px(6))];
+            area.draw(&PathElement::new(bar, TEXT.stroke_width(self.scale)))?;
+            area.draw(&Text::new("95 % interval", (text, top), self.font(12)))?;
+            top += self.px(ENTRY);
+        }
         if points().any(|point| point.lower.is_some()) {
             let band = [(left, top), (left + self.px(26), top + self.px(12))];
             area.draw(&Rectangle::new(band, TEXT.mix(0.2).filled()))?;

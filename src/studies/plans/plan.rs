@@ -95,7 +95,7 @@ pub struct QuickSettings {
 
 impl Default for QuickSettings {
     fn default() -> Self {
-        Self { seconds: 10.0, ideal_steps: 100, keep: Vec::new() }
+        Self { seconds: 10.0, ideal_steps: 400, keep: Vec::new() }
     }
 }
 
@@ -228,6 +228,24 @@ impl Plan {
         facet.value(&self.sets, cell)
     }
 
+    /// Name of a cell, with that of its set for the objects.
+    pub fn name_of(&self, cell: &CellSettings) -> String {
+        cell.name_with(&self.value(Facet::Axis(Axis::Objects), cell))
+    }
+
+    /// A sentence for each file of objects or masks of these cells that is not there; those cells will fail.
+    pub fn missing_files(&self, cells: &[CellSettings]) -> Vec<String> {
+        let mut counts: BTreeMap<&Path, usize> = BTreeMap::new();
+        for path in cells.iter().flat_map(|cell| cell.objects.path().into_iter().chain(cell.mask.source().path())) {
+            *counts.entry(path).or_default() += 1;
+        }
+        let missing = counts.into_iter().filter(|(path, _)| !is_there(path));
+        let sentence = |(path, count): (&Path, usize)| {
+            format!("{}: no such file or folder; {} with it will fail", path.display(), counted(count, "cell"))
+        };
+        missing.map(sentence).collect()
+    }
+
     /// The decoders: those of the axis, or the one of the reconstruction.
     pub fn decoders(&self) -> Vec<DecoderKind> {
         if self.axes.decoder.is_empty() {
@@ -293,6 +311,12 @@ impl Plan {
         let cells = self.axes.expand(&self.sets, &self.estimates, &reconstructions)?;
         Ok(cells.into_iter().partition(CellSettings::decoder_fits))
     }
+}
+
+/// Whether a file or folder is there, whose path may end with options such as `?frame=1`.
+fn is_there(path: &Path) -> bool {
+    let without = path.to_str().and_then(|text| text.rsplit_once('?'));
+    path.exists() || without.is_some_and(|(file, _)| Path::new(file).exists())
 }
 
 /// Estimated times of cells that are computed one after another. The first cell of an estimate has its time; the others share it.

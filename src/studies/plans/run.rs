@@ -13,7 +13,7 @@ use super::shared::{SharedEstimate, SharedEstimates};
 use crate::evaluation::estimation::estimate_on_patches;
 use crate::evaluation::{EstimateProgress, EstimateRequest, EvaluationError};
 use crate::formats::{FormatError, content_key, json_of, lock_name, remove_if_there};
-use crate::forward::{Design, ForwardModel, MaskError, MaskSource, notices_of, open_set};
+use crate::forward::{Design, ForwardModel, MaskError, notices_of, open_set};
 use crate::information::{Estimate, NUMBERS_VERSION, TestPatches};
 use crate::optics::Encoder;
 use crate::progress::Progress;
@@ -336,8 +336,7 @@ impl Fingerprints {
         if settings.objects.is_read() && self.objects(settings) != Some(&estimate.objects_fingerprint) {
             return false;
         }
-        let is_read =
-            matches!(settings.mask.source(), MaskSource::Psf(..) | MaskSource::Fit(..) | MaskSource::Design(_));
+        let is_read = settings.mask.source().path().is_some();
         let is_given = matches!(settings.mask, StudyMask::Given(_));
         !(is_read && is_given) || self.mask(settings) == Some(mask_fingerprint)
     }

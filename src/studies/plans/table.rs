@@ -175,7 +175,7 @@ impl<'a> StudyTable<'a> {
         lines.extend(beside_published(plan, &self.rows));
         lines.extend(plan.left_out().ok().flatten());
         let failures = cells.iter().zip(states).filter_map(|(cell, state)| Some((cell, state.failure()?)));
-        lines.extend(failures.map(|(cell, failure)| format!("failed: {}: {failure}", cell.name())));
+        lines.extend(failures.map(|(cell, failure)| format!("failed: {}: {failure}", plan.name_of(cell))));
         let records = || states.iter().filter_map(CellState::done);
         lines.extend(distinct(records().flat_map(|record| record.notices.clone())));
         let machines = distinct(records().map(|record| record.machine.describe()));

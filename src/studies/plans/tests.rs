@@ -162,7 +162,8 @@ fn plans_that_cannot_be_computed_are_refused_in_one_sentence() {
             "sets its photons itself",
         ),
         (refused(&|plan| plan.axes.objects = vec!["mnist".into()]), "--set mnist=idx:FILE"),
-        (refused(&|plan| plan.axes.objects = vec!["pearls:1".into()]), "objects pearls:1"),
+        (refused(&|plan| plan.axes.objects = vec!["pearls:1".into()]), "objects \"pearls:1\""),
+        (refused(&|plan| plan.axes.patch = vec![PatchSize::Shape(66, 8)]), "the sensor of 65 x 65 px, found 66 x 8"),
         (refused(&|plan| plan.estimates.patches_test = 1), "patches_test: expected 2"),
         (refused(&|plan| plan.estimates.seconds = Some(f64::NAN)), "seconds: expected 0.001 s"),
         (

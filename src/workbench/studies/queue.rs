@@ -183,7 +183,7 @@ impl StudyQueue {
         self.view.left = Some(left);
         if let (Some(entry), Some(open)) = (&self.entry, &self.view.open) {
             let share = open.done() as f64 / open.states.len().max(1) as f64;
-            let name = open.folder.cells()[index].name();
+            let name = open.folder.plan().name_of(&open.folder.cells()[index]);
             entry.report(&format!("{name}: {step}"), Some(share), Some(left));
         }
     }

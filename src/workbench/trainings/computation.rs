@@ -48,5 +48,5 @@ fn train(
         }
         mailbox.wait_while(cancel, |queue| queue.is_paused())
     };
-    NetworkTraining { budget: *budget, seed: design.seed }.train(&scene, &masks, None, cancel, &mut on_step)
+    NetworkTraining { budget: *budget, seed: design.seed }.train(&scene, &masks, None, None, cancel, &mut on_step)
 }

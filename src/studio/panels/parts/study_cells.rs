@@ -81,7 +81,7 @@ fn cell(ui: &mut Ui, open: &OpenStudy, index: usize, is_running: bool, side: f32
     if response.has_focus() || response.hovered() {
         ui.painter().rect_stroke(rect, 2.0, ui.visuals().widgets.hovered.fg_stroke, egui::StrokeKind::Outside);
     }
-    let name = open.folder.cells()[index].name();
+    let name = open.folder.plan().name_of(&open.folder.cells()[index]);
     response.widget_info(|| WidgetInfo::labeled(egui::Role::Button, true, format!("Cell {name}")));
     let result = match state {
         CellState::Done(record) => record.estimate.as_ref().map_or(String::new(), Estimate::bounds),

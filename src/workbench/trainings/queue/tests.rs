@@ -27,7 +27,7 @@ fn network() -> Arc<TrainedNetwork> {
     let masks = TrainingMasks::One(scene.model(design.psf(1).unwrap().view()).unwrap());
     let training = NetworkTraining { budget: TrainingBudget::Steps(1), seed: 1 };
     let cancel = CancelToken::new();
-    let mut network = training.train(&scene, &masks, None, &cancel, &mut cancel.clone()).unwrap();
+    let mut network = training.train(&scene, &masks, None, None, &cancel, &mut cancel.clone()).unwrap();
     network.training.psnr_db = network.linear_psnr_db + 1.0;
     Arc::new(network)
 }
