@@ -47,6 +47,19 @@ fn application_data_of_earlier_versions_open() {
     }
 }
 
+#[test]
+fn a_comparison_of_an_earlier_version_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let golden = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/golden/comparison-v1.json");
+    std::fs::copy(golden, folder.path().join("comparison.json")).unwrap();
+    let mut window = at_home(folder.path());
+    click(&mut window, "Camera");
+    click(&mut window, "Show comparison");
+    let found = studio(&window).session().cameras().comparison.expect("the comparison");
+    assert!(found.own.systems.len() == 2 && found.equal.is_some());
+    assert!(window.query_all_by_label_contains("lens.npy less diffuser.npy").next().is_some());
+}
+
 /// Run it once for each new version of a file, with `LENSLET_GOLDEN` set to a new folder of `tests/data/golden`.
 #[test]
 #[ignore = "writes golden files of the present version to the folder LENSLET_GOLDEN, if that is set"]
