@@ -68,7 +68,7 @@ fn decoders_without_a_prior_know_no_closed_form() {
 fn a_training_that_is_stopped_by_a_signal_resumes() {
     let bench = Bench::new();
     bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
-    let line = "reconstruct --decoder network --objects idx:images.idx --test 2 --steps 2 --examples 0 --json --out";
+    let line = "reconstruct --decoder network --objects idx:images.idx --test 2 --steps 2 --examples 0 --out";
     let mut child =
         bench.command().args(format!("{line} a").split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();

@@ -323,11 +323,13 @@ fn finite(stack: PixelStack, path: &Path) -> Result<Array3<f32>, CaptureError> {
     Ok(images)
 }
 
-/// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any.
+/// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any. Counts that
+/// are all the same are saturated as well, unless they are 0.
 fn mark_saturated(images: &mut Array3<f32>, white: Option<u16>) -> Option<Saturated> {
     let mut values = GreyValues::default();
     values.add(images.view(), white);
-    let saturated = values.saturated()?;
+    let same = images.first().copied().filter(|value| *value > 0.0 && values.levels() == Some(1.0));
+    let saturated = values.saturated().or_else(|| same.map(|value| Saturated { share: 1.0, value }))?;
     images.mapv_inplace(|value| if value == saturated.value { f32::NAN } else { value });
     Some(saturated)
 }

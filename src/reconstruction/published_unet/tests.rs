@@ -120,7 +120,7 @@ fn a_stopped_training_resumes_to_the_same_weights() {
     let scene = scene((14, 17));
     let model = model(&scene, (1, 6));
     // Before the first validation, and after some.
-    for (steps, stop) in [(30, 2), (12, 7)] {
+    for (steps, stop) in [(11, 1), (11, 6)] {
         let training = UnetTraining { budget: TrainingBudget::Steps(steps), seed: 3, engine: EngineChoice::Cpu };
         let keeper = InMemory::of_cancelled();
         let mut at = |step: &TrainingStep| {

@@ -1,21 +1,23 @@
 //! The live estimate: a causal density model that starts from the model of the design before the edit. It is scored during its fit, until
 //! it converges.
 
-use crate::progress::{CancelToken, Progress};
-use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe, Revision, planned};
-use crate::workbench::live::schedule::{LiveSchedule, SCHEDULE};
 use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use ndarray::Axis;
 
 use crate::evaluation::scene::{EvaluationError, Scene};
 use crate::forward::{Design, ForwardModel};
 use crate::information::{
     CausalFit, CausalModel, CausalStart, FitContext, FitLength, FitStep, InformationError, PatchBatch, PatchStream,
 };
+use crate::progress::{CancelToken, Progress};
 use crate::workbench::live::bounds::{BeadBoundState, SensorBounds};
+use crate::workbench::live::estimate::{LiveEstimate, ReplayRecipe, Revision, planned};
 use crate::workbench::live::position_gradients::Pulls;
 use crate::workbench::live::problem::LiveProblem;
+use crate::workbench::live::schedule::{LiveSchedule, SCHEDULE};
 
 /// A converged estimate that is to get more bounds.
 struct PendingBounds {
@@ -37,6 +39,35 @@ pub(crate) struct LiveEstimator {
     /// A converged estimate whose last bounds were interrupted.
     awaits_bounds: Option<PendingBounds>,
     schedule: LiveSchedule,
+}
+
+/// Held-out patches of the scores during a fit. Those of the first score are drawn before the others: at a large field each takes
+/// milliseconds.
+struct HeldOut<'a> {
+    subject: &'a LiveProblem<'a>,
+    /// Patches of the first score.
+    few: PatchBatch,
+    /// Number of all patches, and these once they are needed.
+    most: usize,
+    all: Option<PatchBatch>,
+}
+
+impl<'a> HeldOut<'a> {
+    fn new(subject: &'a LiveProblem<'a>, schedule: &LiveSchedule) -> Result<Self, InformationError> {
+        let [(_, few), _] = schedule.first_scores;
+        Ok(Self { subject, few: subject.test(few)?, most: schedule.score_patches, all: None })
+    }
+
+    /// The first of them.
+    fn first(&mut self, count: usize) -> Result<PatchBatch, InformationError> {
+        if count <= self.few.noisy.len_of(Axis(0)) {
+            return Ok(self.few.first(count));
+        }
+        if self.all.is_none() {
+            self.all = Some(self.subject.test(self.most)?);
+        }
+        Ok(self.all.as_ref().unwrap_or(&self.few).first(count))
+    }
 }
 
 impl LiveEstimator {
@@ -86,9 +117,9 @@ impl LiveEstimator {
         // The start is kept in case this fit does not begin.
         let start = self.last.as_ref().filter(|last| serves(last)).map(|(_, start)| Arc::clone(start));
         self.lowered = start.as_ref().map_or(0.0, |_| self.lowered);
-        let test = subject.test(schedule.score_patches)?;
+        let mut held_out = HeldOut::new(&subject, &schedule)?;
         let (train, validation) = subject.fitting()?;
-        let mut model = subject.model(&train, &test, start.as_deref())?;
+        let mut model = subject.model(&train, &held_out.few, start.as_deref())?;
         let time = if start.is_some() { schedule.warm_fit } else { schedule.cold_fit };
         let known = self.pace.filter(|(_, of)| *of == model.patch());
         let pace = known.map_or_else(|| trial_pace(&model, &train, cancel), |(pace, _)| Ok(pace))?;
@@ -124,8 +155,10 @@ impl LiveEstimator {
                     step.plan(revision.planned);
                 }
                 let remaining = Duration::from_secs_f64(pace * (recipe.all() - progress.step) as f64);
-                let estimate = score(&step.model(), &test.first(patches), recipe, Some(remaining), cancel);
-                let scoring = before.elapsed().mul_f64(schedule.score_patches as f64 / patches as f64);
+                let test = held_out.first(patches);
+                let drawn = Instant::now();
+                let estimate = test.and_then(|test| score(&step.model(), &test, recipe, Some(remaining), cancel));
+                let scoring = drawn.elapsed().mul_f64(schedule.score_patches as f64 / patches as f64);
                 match estimate {
                     Ok(mut estimate) => {
                         estimate.pulls = pulls.gradients();
