@@ -1,6 +1,6 @@
 //! Beads: blurred point sources at random pixels (Kabuli et al., Optica 13, 227, 2026).
 
-use ndarray::{Array2, ArrayViewMut2, s};
+use ndarray::{Array2, ArrayViewMut2};
 use rand::Rng;
 use rand::seq::index;
 
@@ -105,16 +105,14 @@ impl Beads {
     /// Adds the beads of one plane to `plane`, which is zero.
     pub(super) fn draw(&self, generator: &mut impl Rng, mut plane: ArrayViewMut2<f32>) {
         let (rows, cols) = self.field;
-        // The part of a spot inside the field, and its place there.
-        let part = |centre: usize, field: usize| {
-            let (first, end) = (RADIUS_PX.saturating_sub(centre), SPOT_PX.min(field + RADIUS_PX - centre));
-            (first..end, centre + first - RADIUS_PX..centre + end - RADIUS_PX)
-        };
         for pixel in index::sample(generator, rows * cols, self.per_plane) {
-            let (of_spot_rows, inside_rows) = part(pixel / cols, rows);
-            let (of_spot_cols, inside_cols) = part(pixel % cols, cols);
-            let spot = self.spot.slice(s![of_spot_rows, of_spot_cols]);
-            plane.slice_mut(s![inside_rows, inside_cols]).zip_mut_with(&spot, |value, photons| *value += photons);
+            let (row, col) = (pixel / cols, pixel % cols);
+            for ((spot_row, spot_col), photons) in self.spot.indexed_iter() {
+                let target = ((row + spot_row).wrapping_sub(RADIUS_PX), (col + spot_col).wrapping_sub(RADIUS_PX));
+                if let Some(value) = plane.get_mut(target) {
+                    *value += photons;
+                }
+            }
         }
     }
 
@@ -224,24 +222,6 @@ mod tests {
             mean += plane.mapv(f64::from).mean().unwrap() / 3000.0;
         }
         assert!((mean / beads.mean() - 1.0).abs() < 0.02, "{mean} against {}", beads.mean());
-    }
-
-    #[test]
-    fn objects_are_the_sum_of_their_beads() {
-        for field in [(3, 5), (12, 40), (30, 17)] {
-            let beads = Beads::new(0.07, 1, field, BeadScale::Mean(100.0)).unwrap();
-            let (mut drawn, mut expected) = (Array2::<f32>::zeros(field), Array2::<f32>::zeros(field));
-            beads.draw(&mut Split::Train.generator(1, 0), drawn.view_mut());
-            let generator = &mut Split::Train.generator(1, 0);
-            for pixel in index::sample(generator, field.0 * field.1, beads.beads_per_plane()) {
-                for ((row, col), photons) in beads.spot.indexed_iter() {
-                    let (row, col) = (pixel / field.1 + row, pixel % field.1 + col);
-                    let place = (row.wrapping_sub(RADIUS_PX), col.wrapping_sub(RADIUS_PX));
-                    expected.get_mut(place).into_iter().for_each(|value| *value += photons);
-                }
-            }
-            assert_eq!(drawn, expected);
-        }
     }
 
     #[test]
