@@ -54,23 +54,6 @@ impl Worst {
     }
 }
 
-/// Only the first number from cold and after each edit, seconds.
-fn first_numbers(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
-    let (start, design) = opened(scene)?;
-    let mut edited = Instant::now();
-    let mut bench = Session::new(design, None, || ())?;
-    let mut worst = Worst::default();
-    for edit in 0..=EDITS {
-        if edit > 0 {
-            edited = apply(&mut bench, &start, edit)?;
-        }
-        let (first, first_seconds) = wait(&bench, edited, |_| true);
-        println!("{scene:>26} edit {edit} {first_seconds:7.2} s  {:7.4} bits per pixel", first.bits_per_pixel);
-        worst = worst.and(Worst { first_seconds, ..Worst::default() });
-    }
-    Ok(worst)
-}
-
 /// The lenslets and the design of a scene.
 fn opened(scene: &str) -> Result<(LensletArray, Design), Box<dyn std::error::Error>> {
     let (objects, lenslets) =
@@ -95,8 +78,8 @@ fn apply(bench: &mut Session, start: &LensletArray, edit: usize) -> Result<Insta
     Ok(edited)
 }
 
-/// Follows the edits of one scene.
-fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
+/// Follows the edits of one scene, or waits for their first numbers alone.
+fn follow(scene: &str, first_alone: bool) -> Result<Worst, Box<dyn std::error::Error>> {
     let (start, design) = opened(scene)?;
     let mut edited = Instant::now();
     let mut bench = Session::new(design, None, || ())?;
@@ -106,6 +89,11 @@ fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
             edited = apply(&mut bench, &start, edit)?;
         }
         let (first, first_seconds) = wait(&bench, edited, |_| true);
+        if first_alone {
+            println!("{scene:>26} edit {edit} {first_seconds:7.2} s  {:7.4} bits per pixel", first.bits_per_pixel);
+            worst = worst.and(Worst { first_seconds, ..Worst::default() });
+            continue;
+        }
         let is_later = |live: &LiveEstimate| live.remaining.is_none() || edited.elapsed().as_secs_f64() > SOON;
         let (soon, _) = wait(&bench, edited, is_later);
         let (_, seconds) = wait(&bench, edited, |live| live.remaining.is_none());
@@ -131,6 +119,9 @@ fn follow(scene: &str) -> Result<Worst, Box<dyn std::error::Error>> {
             upper(&settled)
         );
     }
+    if first_alone {
+        return Ok(worst);
+    }
     for (edit, after) in [(EDITS + 1, 0.0), (EDITS + 2, HASTY)] {
         std::thread::sleep(Duration::from_secs_f64(after));
         edited = apply(&mut bench, &start, edit)?;
@@ -151,7 +142,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
     let mut worst = Worst::default();
     for scene in &scenes {
-        worst = worst.and(if first_alone { first_numbers(scene)? } else { follow(scene)? });
+        worst = worst.and(follow(scene, first_alone)?);
     }
     println!(
         "after edits at most {:.2} s to the first number; after {SOON} s {:.4} bits per pixel off, the smallest bound {:.4}",

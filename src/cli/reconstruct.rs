@@ -138,15 +138,6 @@ struct CaptureResult {
     files: Vec<String>,
 }
 
-/// Errors of a test: of the decoder, or of the files.
-#[derive(Debug, thiserror::Error)]
-enum TestError {
-    #[error(transparent)]
-    Reconstruction(#[from] ReconstructionError),
-    #[error(transparent)]
-    Export(#[from] ExportError),
-}
-
 impl Arguments {
     /// Runs the command.
     pub fn run(self) -> Result<(), Failure> {
@@ -227,11 +218,7 @@ impl Arguments {
         for (index, decoder) in decoders.iter().enumerate() {
             // The files hold what the first network makes.
             let mut receive = |part: &Evaluated<'_>| if index == 0 { write(part) } else { Ok(()) };
-            let quality = test.run(&**decoder, &scene, &model, &mut on_progress, &mut receive);
-            all.push(quality.map_err(|error| match error {
-                TestError::Reconstruction(error) => anyhow::Error::from(error),
-                TestError::Export(error) => error.into(),
-            })?);
+            all.push(test.run::<anyhow::Error>(&**decoder, &scene, &model, &mut on_progress, &mut receive)?);
         }
         let quality = match &trained {
             Some(_) => DecoderQuality::over_networks(&all)?,

@@ -10,9 +10,9 @@ use super::choices::{BudgetChoice, check_count};
 use super::failure::Failure;
 use super::output::{self, ProgressLine};
 use super::stop::StopSignal;
-use crate::formats::{DocumentKind, content_key, json_of, read_bytes, read_if_there, remove_if_there, write_safely};
+use crate::formats::{DocumentKind, content_key, json_of, read_bytes, remove_if_there, write_safely};
 use crate::forward::Design;
-use crate::information::{EngineChoice, FitCheckpoint, InformationError, NUMBERS_VERSION};
+use crate::information::{EngineChoice, FitCheckpoint, FitFile, NUMBERS_VERSION};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
@@ -174,7 +174,7 @@ impl NetworkArgs {
                 stop.check()
             };
             let state = file(".state").zip(folder.as_ref());
-            let state = state.map(|(path, folder)| TrainingState { path, key: format!("{} {seed}", folder.settings) });
+            let state = state.map(|(path, folder)| FitFile { path, key: format!("{} {seed}", folder.settings) });
             if let Some(state) = state.as_ref().filter(|_| !is_kept) {
                 // That of another training, whose settings are gone.
                 remove_if_there(&state.path).map_err(anyhow::Error::from)?;
@@ -242,30 +242,6 @@ struct NetworkFolder {
     settings: String,
     /// Whether it had these settings before.
     is_begun: bool,
-}
-
-/// File of the state of a training.
-struct TrainingState {
-    path: PathBuf,
-    key: String,
-}
-
-impl FitCheckpoint for TrainingState {
-    fn key(&self) -> &str {
-        &self.key
-    }
-
-    fn place(&self) -> String {
-        self.path.display().to_string()
-    }
-
-    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        Ok(read_if_there(&self.path)?)
-    }
-
-    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        Ok(write_safely(&self.path, |file| file.write_all(state))?)
-    }
 }
 
 /// Content of the file of settings: the key of all that decides the networks.

@@ -8,7 +8,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::formats::{DocumentKind, NameLock, content_key, lock_name, read_if_there, remove_if_there, write_safely};
-use crate::information::{AisBound, Decoder, FitCheckpoint, InformationError, LowerBound, NUMBERS_VERSION, Trial};
+use crate::information::{
+    AisBound, Decoder, FitCheckpoint, FitFile, InformationError, LowerBound, NUMBERS_VERSION, Trial,
+};
 
 /// The completed parts of an estimate, in a file if one is named. The state of the running fit lies beside it. Without a file every part
 /// is computed.
@@ -204,7 +206,7 @@ impl EstimateCheckpoint {
 
     /// Stores the completed parts, if that is possible. A failure does not end the estimate, because a disk may be full for a while.
     /// After a success the state of the last `fit` is no longer needed.
-    fn keep(&mut self, fit: Option<KeptFit>) {
+    fn keep(&mut self, fit: Option<FitFile>) {
         if self.goes_on
             && self.store().is_ok()
             && let Some(fit) = fit
@@ -222,13 +224,13 @@ impl EstimateCheckpoint {
     }
 
     /// The keeper of the state of a part's fit, in a file of its own.
-    fn fit(&self, part: &str) -> Option<KeptFit> {
+    fn fit(&self, part: &str) -> Option<FitFile> {
         let path = fit_file(self.path.as_ref()?, part);
         let key = match &self.parts.earlier_key {
             Some(earlier) => earlier_key(&format!("(\n    {earlier:?},\n    {part:?},\n)")),
             None => content_key(&json!([self.parts.key, part])),
         };
-        Some(KeptFit { path, key })
+        Some(FitFile { path, key })
     }
 }
 
@@ -285,7 +287,7 @@ fn fit_file(path: &Path, part: &str) -> PathBuf {
     name.into()
 }
 
-fn keeper(fit: Option<&KeptFit>) -> Option<&dyn FitCheckpoint> {
+fn keeper(fit: Option<&FitFile>) -> Option<&dyn FitCheckpoint> {
     fit.map(|fit| fit as _)
 }
 
@@ -301,32 +303,6 @@ fn failed(path: &Path, reason: &str) -> InformationError {
 fn forget(path: &Path) {
     // A file that cannot be removed is replaced, or refused as that of another estimate.
     let _ = std::fs::remove_file(path);
-}
-
-/// A file with the state of one running fit.
-struct KeptFit {
-    path: PathBuf,
-    key: String,
-}
-
-impl FitCheckpoint for KeptFit {
-    fn key(&self) -> &str {
-        &self.key
-    }
-
-    fn place(&self) -> String {
-        self.path.display().to_string()
-    }
-
-    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
-        Ok(read_if_there(&self.path)?)
-    }
-
-    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
-        // As above: the earlier state stays, and the next one may find room.
-        let _ = write_safely(&self.path, |out| out.write_all(state));
-        Ok(())
-    }
 }
 
 #[cfg(test)]

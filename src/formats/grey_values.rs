@@ -116,8 +116,13 @@ impl GreyValues {
         let is_many = self.at_most >= SATURATED_PIXELS && share >= SATURATED_SHARE;
         // Pixels of two values are a mask, those of one value nothing to go by unless it is the largest count.
         let has_levels = low < value && self.levels().is_none_or(|levels| levels > 2.0);
-        let is_all_white = low == value && is_white;
+        let is_all_white = low == value && (is_white || self.is_largest_count(value));
         (is_many && (is_all_white || has_levels && (is_white || is_pile))).then_some(Saturated { share, value })
+    }
+
+    /// Whether a value is the largest count of 8 or more bits.
+    fn is_largest_count(&self, value: f32) -> bool {
+        !self.is_fractional && value >= 255.0 && (value as u32 + 1).is_power_of_two()
     }
 
     /// Pixels near the top of an unsigned number type, while the median is near its bottom and few lie between.
@@ -205,7 +210,10 @@ mod tests {
         let float = of((0..4000).map(|pixel| (pixel as f32 / 3000.0).min(1.0)), None);
         assert_eq!(float.saturated().map(|found| found.value), Some(1.0));
         assert!(of([65_535.0; 100], Some(u16::MAX)).saturated().is_some_and(|found| found.share == 1.0));
-        assert_eq!(of([50.5; 100], None).saturated(), None);
+        assert!(of([4095.0; 100], None).saturated().is_some());
+        for value in [50.5, 30.0, 1e30] {
+            assert_eq!(of([value; 100], None).saturated(), None);
+        }
         // A mask of zeros and ones is no saturated image.
         assert_eq!(of((0..1000).map(|pixel| (pixel % 2) as f32), Some(255)).saturated(), None);
     }

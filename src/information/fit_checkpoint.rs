@@ -1,9 +1,11 @@
 //! Checkpoints of fits: weights, optimizer state and counters as bytes.
 
 use std::collections::HashMap;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use super::error::InformationError;
+use crate::formats::{read_if_there, write_safely};
 use crate::nn::{
     Initial, NetworkError, Optimizer, ParameterLayout, WeightsHeader, read_details, read_weights, write_weights,
 };
@@ -35,6 +37,32 @@ pub trait FitCheckpoint: Sync {
     /// # Errors
     /// When it cannot be written; the previous checkpoint then remains.
     fn store(&self, state: &[u8]) -> Result<(), InformationError>;
+}
+
+/// A file with the checkpoint of one running fit.
+pub(crate) struct FitFile {
+    pub(crate) path: PathBuf,
+    pub(crate) key: String,
+}
+
+impl FitCheckpoint for FitFile {
+    fn key(&self) -> &str {
+        &self.key
+    }
+
+    fn place(&self) -> String {
+        self.path.display().to_string()
+    }
+
+    fn load(&self) -> Result<Option<Vec<u8>>, InformationError> {
+        Ok(read_if_there(&self.path)?)
+    }
+
+    fn store(&self, state: &[u8]) -> Result<(), InformationError> {
+        // A disk without room stops no fit: the earlier checkpoint stays, and the next one may find room.
+        let _ = write_safely(&self.path, |out| out.write_all(state));
+        Ok(())
+    }
 }
 
 /// Arrays of a checkpoint: weights, optimizer state, and the best weights on validation patches.

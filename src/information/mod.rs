@@ -83,7 +83,7 @@ pub use estimator::Estimator;
 pub use fit_checkpoint::FitCheckpoint;
 #[cfg(test)]
 pub(crate) use fit_checkpoint::InMemory;
-pub(crate) use fit_checkpoint::{FitArrays, fit_to_bytes, restore_fit, unread};
+pub(crate) use fit_checkpoint::{FitArrays, FitFile, fit_to_bytes, restore_fit, unread};
 pub use progress::FitProgress;
 pub use statistics::bootstrap::{bootstrap_interval, paired_interval};
 pub(crate) use statistics::dequantisation::dequantised;

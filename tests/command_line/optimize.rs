@@ -236,7 +236,6 @@ fn failed_start_is_reported_even_with_a_closed_pipe() {
 }
 
 #[test]
-#[ignore = "takes a minute"]
 fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
     let line = two_starts(&bench, 66);

@@ -62,7 +62,7 @@ fn decoders_without_a_prior_know_no_closed_form() {
     }
 }
 
-/// A scheduler's signal keeps the state of a training, from which the same command goes on.
+/// At a scheduler's signal a training keeps its state, and the same command resumes it.
 #[cfg(unix)]
 #[test]
 fn a_training_that_is_stopped_by_a_signal_resumes() {

@@ -323,14 +323,11 @@ fn finite(stack: PixelStack, path: &Path) -> Result<Array3<f32>, CaptureError> {
     Ok(images)
 }
 
-/// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any. Pixels
-/// that all have the largest count of 8 or more bits are saturated as well.
+/// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any.
 fn mark_saturated(images: &mut Array3<f32>, white: Option<u16>) -> Option<Saturated> {
     let mut values = GreyValues::default();
     values.add(images.view(), white);
-    let is_largest = |value: &f32| *value >= 255.0 && (*value as u32 + 1).is_power_of_two();
-    let same = images.first().copied().filter(|value| values.levels() == Some(1.0) && is_largest(value));
-    let saturated = values.saturated().or_else(|| same.map(|value| Saturated { share: 1.0, value }))?;
+    let saturated = values.saturated()?;
     images.mapv_inplace(|value| if value == saturated.value { f32::NAN } else { value });
     Some(saturated)
 }

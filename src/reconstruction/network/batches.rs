@@ -121,7 +121,7 @@ impl<'a> Batches<'a> {
         Features::new(model, &self.folds[fold].prior, moments, cancel)
     }
 
-    /// Goes on behind the samples of so many steps, as if they had been drawn.
+    /// Skips the samples of a number of steps, as if they had been drawn.
     pub(super) fn skip(&mut self, steps: usize, cancel: &CancelToken) -> Result<(), ReconstructionError> {
         let before = steps - steps % TOGETHER;
         if matches!(self.masks, TrainingMasks::Any { .. }) {

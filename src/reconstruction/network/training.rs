@@ -265,7 +265,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Goes on after a number of steps; weights and optimizer are restored already.
+    /// Restores the counters after a number of steps. Weights and optimizer are restored before.
     fn resume(&mut self, steps: usize, counters: Counters) -> Counters {
         let Counters { rate, seconds, restarts, recent, .. } = counters;
         (self.steps, self.rate, self.seconds) = (steps, rate, seconds);

@@ -12,7 +12,7 @@ use super::estimates::EstimateSettings;
 use super::facet::{Facet, distinct};
 use super::ideal_settings::time_of_design;
 use super::reconstruction::ReconstructionSettings;
-use crate::formats::{FormatError, write_safely};
+use crate::formats::{FormatError, split_end, write_safely};
 use crate::information::{Estimator, Protocol};
 use crate::objects::ObjectSource;
 use crate::plural::counted;
@@ -315,8 +315,7 @@ impl Plan {
 
 /// Whether a file or folder is there, whose path may end with options such as `?frame=1`.
 fn is_there(path: &Path) -> bool {
-    let without = path.to_str().and_then(|text| text.rsplit_once('?'));
-    path.exists() || without.is_some_and(|(file, _)| Path::new(file).exists())
+    path.exists() || split_end(path, b'?').is_some_and(|(file, _)| file.exists())
 }
 
 /// Estimated times of cells that are computed one after another. The first cell of an estimate has its time; the others share it.

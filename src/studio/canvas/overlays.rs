@@ -82,6 +82,11 @@ impl PixelSize {
         Self { width: 1.0, unit: "px", pitch_um }
     }
 
+    /// Label of an axis of spatial frequencies.
+    pub fn frequency_label(pitch_um: Option<f64>) -> &'static str {
+        if pitch_um.is_some() { "cycles per millimetre" } else { "cycles per pixel" }
+    }
+
     /// A spatial frequency of `width` cycles per pixel of such a sensor: cycles per millimetre where the pitch is known.
     pub fn of_frequency(width: f64, pitch_um: Option<f64>) -> Self {
         match pitch_um {

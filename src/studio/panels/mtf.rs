@@ -124,7 +124,7 @@ fn cuts(ui: &mut Ui, mtf: &Mtf, pitch_um: Option<f64>, noise_floor: Option<f64>)
         .include_x(0.0)
         .include_x(0.5 * unit)
         .allow_scroll(false)
-        .x_axis_label(if pitch_um.is_some() { "cycles per millimetre" } else { "cycles per pixel" })
+        .x_axis_label(PixelSize::frequency_label(pitch_um))
         .y_axis_label("modulation")
         .show(ui, |plot| {
             plot.line(Line::new("horizontal", line(&mtf.horizontal)).width(2.0));

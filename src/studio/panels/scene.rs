@@ -192,28 +192,26 @@ fn sizes(ui: &mut Ui, design: &Design, requests: &mut Vec<Request>) {
         });
     }
     labelled(ui, "PSF grid", |ui| {
-        let (least, speed) = match &design.encoder {
-            Encoder::Lenslets(_) => (1, 1.0),
-            // A large one takes a second, so that it is typed alone.
-            Encoder::Diffuser(_) => (*Diffuser::GRIDS.start(), 0.0),
+        let field = |least: usize| NumberField::whole("PSF grid", least..=LensletArray::MAX_SIDE);
+        match &design.encoder {
+            Encoder::Lenslets(_) => {
+                if let Some(edit) = field(1).show(ui, grid.0 as f64).1 {
+                    requests.push(Request::ChangeBy(edit, Command::SetGrid(edit.value as usize)));
+                }
+                ui.weak(format!("x {} px", grid.1))
+                    .on_hover_text("Lenslets keep their share of the grid, and their width in pixels");
+            }
+            Encoder::Diffuser(_) => {
+                // A large one takes a second, so that it is typed alone.
+                if let Some(edit) = field(*Diffuser::GRIDS.start()).speed(0.0).show(ui, grid.0 as f64).1 {
+                    requests.push(Request::ResizeDiffuser(edit.value as usize));
+                }
+                ui.weak(format!("x {} px", grid.1)).on_hover_text("The aperture keeps its share of the grid");
+            }
             Encoder::Image(_) => {
                 ui.weak(format!("{} x {} px, that of the image", grid.0, grid.1));
-                return;
             }
-        };
-        let field = NumberField::whole("PSF grid", least..=LensletArray::MAX_SIDE).speed(speed);
-        if let Some(edit) = field.show(ui, grid.0 as f64).1 {
-            let side = edit.value as usize;
-            requests.push(match &design.encoder {
-                Encoder::Diffuser(_) => Request::ResizeDiffuser(side),
-                _ => Request::ChangeBy(edit, Command::SetGrid(side)),
-            });
         }
-        let hint = match &design.encoder {
-            Encoder::Diffuser(_) => "The aperture keeps its share of the grid",
-            _ => "Lenslets keep their share of the grid, and their width in pixels",
-        };
-        ui.weak(format!("x {} px", grid.1)).on_hover_text(hint);
     });
     labelled(ui, "Pixel pitch", |ui| {
         let mut is_known = design.pixel_pitch_um.is_some();

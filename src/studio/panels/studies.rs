@@ -191,8 +191,10 @@ fn header(ui: &mut Ui, state: &mut StudiesState, open: &OpenStudy, study: &Study
     });
     // Below the buttons: the row comes and goes with the cells, and the buttons stay where they are.
     if study.is_active() {
-        let name = study.running.map_or(String::new(), |index| plan.name_of(&open.folder.cells()[index]));
-        let text = if name.is_empty() { "Begins the first cell".into() } else { format!("{name}: {}", study.step) };
+        let text = match study.running {
+            Some(index) => format!("{}: {}", plan.name_of(&open.folder.cells()[index]), study.step),
+            None => "Begins the first cell".into(),
+        };
         ui.add(egui::Label::new(RichText::new(text).size(TEXT).weak()).truncate());
     }
 }

@@ -355,7 +355,7 @@ fn export_measurements(
 /// What a diffuser is made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DiffuserOrigin {
-    /// An aperture of so many pixels on the published grid, which blocks the light outside.
+    /// An aperture on the published grid, which blocks the light outside.
     Aperture {
         /// Side of the aperture, pixels.
         aperture_px: usize,

@@ -54,7 +54,7 @@ pub fn show(ui: &mut Ui, view: &View<'_>, requests: &mut Vec<Request>) {
             let power = format_significant(10.0_f64.powf(position.y));
             Some(format!("{plot_name}\n{:.decimals$} {unit}: {power} photons\u{b2}", position.x))
         })
-        .x_axis_label(if pitch_um.is_some() { "cycles per millimetre" } else { "cycles per pixel" })
+        .x_axis_label(PixelSize::frequency_label(pitch_um))
         .y_axis_label("power, photons\u{b2}");
     if pitch_um.is_none() {
         plot = plot.x_grid_spacer(tenths).x_axis_formatter(|mark: GridMark, _| format!("{:.1}", mark.value));
