@@ -21,9 +21,9 @@ use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, ReconstructionError, ReconstructionStep, TrainedDecoder,
+    Evaluated, ImagingModel, ReconstructionStep, TrainedDecoder,
 };
-use crate::workbench::{ExportError, RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
+use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
 /// Fewest test objects, as one has no interval, and most.
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
