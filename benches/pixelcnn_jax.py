@@ -7,10 +7,7 @@ Needs jax, flax and optax, and cargo. A step is forward, backward and Adam for a
 work on the machine can only lengthen a step.
 """
 
-import json
 import os
-import pathlib
-import subprocess
 import sys
 import time
 
@@ -19,11 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy
 import optax
+from crate_times import least_times
 
 BATCH, CHANNELS, COMPONENTS = 64, 64, 40
 DILATIONS = (1, 2, 1, 4, 1, 2, 1)
 SIDES = (16, 32)
-ROOT = pathlib.Path(__file__).resolve().parent.parent
+NAMES = ("step", "products alone", "products without filtering")
 
 
 class MaskedConv(nn.Module):
@@ -111,41 +109,21 @@ def jax_seconds(step, state, seconds=8.0):
     return least, state
 
 
-def target_folder():
-    told = subprocess.run(
-        ["cargo", "metadata", "--no-deps", "--format-version", "1"], cwd=ROOT, check=True, capture_output=True
-    )
-    return pathlib.Path(json.loads(told.stdout)["target_directory"])
-
-
-def crate_seconds(target, side, profile):
-    """Least time per step, and per run of the products alone and without filtering, from criterion's samples."""
-    command = ["cargo", "bench", "--profile", profile, "--bench", "pixelcnn", "--", f"/{side}$"]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
-    least = []
-    for name in ("step", "products alone", "products without filtering"):
-        sample = json.loads((target / "criterion/pixelcnn" / name / str(side) / "new/sample.json").read_text())
-        least.append(min(t / n for t, n in zip(sample["times"], sample["iters"])) * 1e-9)
-    return least
-
-
 def main():
     rounds = int(sys.argv[1]) if len(sys.argv) > 1 else 2
     profile = sys.argv[2] if len(sys.argv) > 2 else "bench"
-    target = target_folder()
     print(f"{os.cpu_count()} threads, jax {jax.__version__}, {rounds} rounds, profile {profile}, least time per step")
     for side in SIDES:
         step, *state = jax_step(side)
         *state, loss = step(*state)
         loss.block_until_ready()
         weights = sum(leaf.size for leaf in jax.tree_util.tree_leaves(state[0]))
-        times = {"jax": [], "step": [], "products": [], "plain": []}
+        samples = [f"pixelcnn/{name}/{side}" for name in NAMES]
+        rows = []
         for _ in range(rounds):
             seconds, state = jax_seconds(step, state)
-            times["jax"].append(seconds)
-            for name, seconds in zip(("step", "products", "plain"), crate_seconds(target, side, profile)):
-                times[name].append(seconds)
-        theirs, ours, products, plain = (min(times[name]) for name in times)
+            rows.append((seconds, *least_times(profile, "pixelcnn", samples, f"/{side}$")))
+        theirs, ours, products, plain = map(min, zip(*rows))
         print(
             f"{side}x{side}: jax {theirs * 1e3:.0f} ms ({weights} weights), this crate {ours * 1e3:.0f} ms, "
             f"ratio {ours / theirs:.3f}; products alone {products * 1e3:.0f} ms, {products / ours:.0%} of their rate; "
