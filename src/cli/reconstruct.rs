@@ -14,14 +14,15 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::reconstruct_network::{NetworkArgs, NetworkResult};
+use super::reconstruct_network::{NetworkArgs, NetworkResult, settings_key};
 use super::stop::{StopSignal, is_stopped};
-use crate::forward::{ForwardModel, notices_of};
+use crate::formats::remove_if_there;
+use crate::forward::{Design, ForwardModel, notices_of};
 use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, ReconstructionStep, TrainedDecoder,
+    Evaluated, ImagingModel, KeptDecoder, ReconstructionStep, TrainedDecoder,
 };
 use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -29,6 +30,8 @@ use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, Reconstructi
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
 /// Sweeps of Markov chains.
 const SWEEPS: std::ops::RangeInclusive<usize> = 1..=1_000_000;
+/// File of the estimates of a slow decoder, until its test is complete.
+const ESTIMATES_FILE: &str = "estimates.state";
 /// Most examples.
 const MOST_EXAMPLES: usize = 1000;
 /// Largest side of squares that are averaged, px.
@@ -148,7 +151,7 @@ impl Arguments {
         };
         match (result, &self.out) {
             (Err(Failure::Input(error)), Some(out)) if is_stopped(&error) => {
-                // The scheduler or a person asked to stop, and trained networks are kept.
+                // The scheduler or a person asked to stop. Trained networks and slow estimates are kept.
                 output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
                 Ok(())
             }
@@ -194,7 +197,7 @@ impl Arguments {
                 let decoder = |network: &TrainedDecoder| network.decoder(&scene, prior.as_ref());
                 trained.networks.iter().map(decoder).collect::<Result<_, _>>()?
             }
-            None => vec![kind.decoder(prior, chains)?],
+            None => vec![self.keeping(kind.decoder(prior, chains)?, (&scene, &design))],
         };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
@@ -226,6 +229,9 @@ impl Arguments {
         };
         let quality = quality.ok_or_else(|| anyhow::anyhow!("no decoder was tested"))?;
         progress_line.finish();
+        if let Some(out) = &self.out {
+            remove_if_there(&out.join(ESTIMATES_FILE)).map_err(anyhow::Error::from)?;
+        }
         let mut files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
         files.extend(trained.iter().flat_map(|trained| trained.files.clone()));
         let networks = trained.iter().flat_map(|trained| &trained.networks);
@@ -246,6 +252,15 @@ impl Arguments {
             output::report(notice);
         }
         output::print(&result.lines().join("\n"))
+    }
+
+    /// A decoder that keeps its estimates in the folder, where it takes longer than writing them.
+    fn keeping(&self, decoder: Box<dyn Decoder>, (scene, design): (&DecoderScene, &Design)) -> Box<dyn Decoder> {
+        let kind = decoder.kind();
+        let is_slow = self.sweeps.is_some() || !kind.needs().objects;
+        let Some(out) = self.out.as_ref().filter(|_| is_slow) else { return decoder };
+        let settings = settings_key(kind, (scene, design), [("sweeps", self.sweeps.into())]);
+        Box::new(KeptDecoder::new(decoder, out.join(ESTIMATES_FILE), settings))
     }
 
     fn reconstruct_capture(&self, measurement: PathBuf, stop: &StopSignal) -> Result<(), Failure> {

@@ -205,22 +205,13 @@ impl NetworkArgs {
         (scene, design): (&DecoderScene, &Design),
     ) -> anyhow::Result<NetworkFolder> {
         let start = self.weights.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
-        let settings = KeptSettings {
-            settings: content_key(&serde_json::json!({
-                "program_version": NUMBERS_VERSION,
-                "decoder": decoder.name(),
-                "budget": budget,
-                "any_mask": self.any_mask,
-                "engine": self.engine.unwrap_or_default(),
-                "start": start.map(|bytes| blake3::hash(&bytes).to_hex().to_string()),
-                "objects": scene.set.fingerprint(),
-                "protocol": scene.protocol.to_string(),
-                "light": [design.mean_photons, design.bias_photons],
-                "noise": scene.noise.to_string(),
-                "mask": json_of(&design.encoder),
-                "seed": design.seed,
-            })),
-        };
+        let own = [
+            ("budget", json_of(&budget)),
+            ("any_mask", self.any_mask.into()),
+            ("engine", json_of(&self.engine.unwrap_or_default())),
+            ("start", start.map(|bytes| blake3::hash(&bytes).to_hex().to_string()).into()),
+        ];
+        let settings = KeptSettings { settings: settings_key(decoder, (scene, design), own) };
         let file = out.join(SETTINGS_FILE);
         if !file.exists() {
             SETTINGS.write(&file, &settings)?;
@@ -234,6 +225,28 @@ impl NetworkArgs {
         }
         Ok(NetworkFolder { settings: settings.settings, is_begun: true })
     }
+}
+
+/// Key of all that decides the results of a decoder in a scene, with settings of its own.
+pub fn settings_key<const N: usize>(
+    decoder: DecoderKind,
+    (scene, design): (&DecoderScene, &Design),
+    own: [(&str, serde_json::Value); N],
+) -> String {
+    let mut settings = serde_json::json!({
+        "program_version": NUMBERS_VERSION,
+        "decoder": decoder.name(),
+        "objects": scene.set.fingerprint(),
+        "protocol": scene.protocol.to_string(),
+        "light": [design.mean_photons, design.bias_photons],
+        "noise": scene.noise.to_string(),
+        "mask": json_of(&design.encoder),
+        "seed": design.seed,
+    });
+    for (name, value) in own {
+        settings[name] = value;
+    }
+    content_key(&settings)
 }
 
 /// A folder of networks.

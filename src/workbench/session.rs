@@ -7,11 +7,11 @@ pub mod run_preview;
 pub mod snapshots;
 pub mod studies;
 pub mod trainings;
+pub mod unsaved;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::formats::FormatError;
 use crate::forward::Design;
 use crate::objects::ObjectSource;
 use crate::optics::Encoder;
@@ -21,7 +21,7 @@ use crate::workbench::background::threads::{Threads, Wake};
 use crate::workbench::cameras::desk::CameraDesk;
 use crate::workbench::captures::capturer;
 use crate::workbench::captures::queue::CaptureQueue;
-use crate::workbench::document::autosave::{Autosave, Recovered};
+use crate::workbench::document::autosave::Autosave;
 use crate::workbench::document::command::{Command, CommandError};
 use crate::workbench::document::history::{History, Version};
 use crate::workbench::jobs::job::{DiffuserOrigin, Job};
@@ -311,58 +311,6 @@ impl Session {
         self.worker.evaluate(Wanted { revision: self.revision, design: Arc::clone(&self.design), before });
     }
 
-    /// Saves the design in a folder while it has unsaved changes, so that they survive the program; see [`Session::note_unsaved`].
-    /// Returns what earlier programs left there without being closed, newest first.
-    ///
-    /// # Errors
-    /// Where the folder cannot be written to.
-    pub fn keep_unsaved_in(&mut self, folder: &Path) -> Result<Vec<Recovered>, FormatError> {
-        let (autosave, found) = Autosave::in_folder(folder, Arc::clone(&self.wake))?;
-        // A copy in the earlier folder stays until there is one here.
-        let earlier = self.autosave.replace(autosave);
-        self.earlier_autosave = self.earlier_autosave.take().or(earlier);
-        Ok(found)
-    }
-
-    /// Designs left by programs without being closed, in another folder than the one of this program, newest first; none where the folder
-    /// cannot be written to.
-    pub fn left_unsaved_in(folder: &Path) -> Vec<Recovered> {
-        if !folder.is_dir() {
-            return Vec::new();
-        }
-        Autosave::in_folder(folder, Arc::new(|| ())).map(|(_, found)| found).unwrap_or_default()
-    }
-
-    /// Saves the design to its autosave file, a few seconds late. To be called for every frame of the window. Returns the failure of the
-    /// last attempt, once.
-    pub fn note_unsaved(&mut self) -> Option<String> {
-        let (contents, is_unsaved) = (self.contents, self.is_dirty());
-        let design = self.open.as_ref().unwrap_or(&self.design);
-        let autosave = self.autosave.as_mut()?;
-        let failure = autosave.note(design, contents, is_unsaved, self.path.as_deref());
-        if autosave.is_done()
-            && let Some(mut earlier) = self.earlier_autosave.take()
-        {
-            earlier.close();
-        }
-        failure
-    }
-
-    /// Closes the session, after the person was asked about unsaved changes.
-    pub fn close(&mut self) {
-        for autosave in self.autosave.iter_mut().chain(&mut self.earlier_autosave) {
-            autosave.close();
-        }
-    }
-
-    /// Opens a recovered design; it has unsaved changes.
-    pub fn recover(&mut self, recovered: Recovered) {
-        self.load_unsaved(recovered.design.clone(), recovered.path.clone());
-        if let Some(autosave) = &self.autosave {
-            autosave.supersede(recovered);
-        }
-    }
-
     /// Stops the reading of objects, if there is any.
     pub fn cancel(&self) {
         self.worker.cancel();
@@ -455,7 +403,7 @@ impl Session {
                     None
                 }
                 Ok(Outcome::NetworkOpened { network, document, path }) => {
-                    self.add_network(network, *document, path);
+                    self.add_network(network, *document, Some(path));
                     None
                 }
                 Ok(Outcome::NetworkExported { network, path }) => {

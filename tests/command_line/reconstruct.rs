@@ -62,6 +62,17 @@ fn decoders_without_a_prior_know_no_closed_form() {
     }
 }
 
+/// Sends a scheduler's signal to a command after its first line, which is on the images, and checks that it ends as stopped.
+#[cfg(unix)]
+fn stop_after_first_line(bench: &Bench, line: &str) {
+    let mut child = bench.command().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    assert!(lines.next().unwrap().unwrap().contains("40 images"));
+    assert!(bench.process("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("a: stopped")), "{rest:?}");
+}
+
 /// At a scheduler's signal a training keeps its state, and the same command resumes it.
 #[cfg(unix)]
 #[test]
@@ -69,18 +80,26 @@ fn a_training_that_is_stopped_by_a_signal_resumes() {
     let bench = Bench::new();
     bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
     let line = "reconstruct --decoder network --objects idx:images.idx --test 2 --steps 2 --examples 0 --out";
-    let mut child =
-        bench.command().args(format!("{line} a").split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-    // The first line is on the images, before the training.
-    assert!(lines.next().unwrap().unwrap().contains("40 images"));
-    assert!(bench.process("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
-    let rest: Vec<String> = lines.map(Result::unwrap).collect();
-    assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("a: stopped")), "{rest:?}");
+    stop_after_first_line(&bench, &format!("{line} a"));
     assert!(bench.path("a/network-1.state").is_file() && !bench.path("a/network-1.safetensors").exists());
     let (resumed, whole) = (bench.json(&format!("{line} a")), bench.json(&format!("{line} b")));
     assert_eq!((&resumed["psnr_db"], &resumed["trained"][0]["steps"]), (&whole["psnr_db"], &2.into()));
     assert!(!bench.path("a/network-1.state").exists() && bench.path("a/network-1.safetensors").is_file());
+}
+
+/// Estimates of a slow decoder are kept at a signal, and the same command makes the others.
+#[cfg(unix)]
+#[test]
+fn a_test_of_a_slow_decoder_that_is_stopped_by_a_signal_resumes() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let line = "reconstruct --decoder tv --objects idx:images.idx --test 9 --examples 0 --out";
+    stop_after_first_line(&bench, &format!("{line} a"));
+    assert!(bench.path("a/estimates.state").is_file());
+    let (resumed, whole) = (bench.json(&format!("{line} a")), bench.json(&format!("{line} b")));
+    assert_eq!(resumed["psnr_db"], whole["psnr_db"]);
+    let objects = |folder: &str| std::fs::read(bench.path(folder).join("reconstructions.npy")).unwrap();
+    assert!(objects("a") == objects("b") && !bench.path("a/estimates.state").exists());
 }
 
 #[test]

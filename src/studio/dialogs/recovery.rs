@@ -22,6 +22,9 @@ pub fn ask(ctx: &egui::Context, left: &mut Vec<Recovered>, requests: &mut Vec<Re
             ui.add_space(4.0);
             ui.strong(name);
             ui.label(what);
+            if let Some(network) = &found.network {
+                ui.label(network.summary());
+            }
             ui.label(format!("Saved {} ago", format_duration(age)));
             if others > 0 {
                 ui.weak(format!("{others} more after this one"));

@@ -1,4 +1,4 @@
-//! Autosave: a copy of the open design that survives a crash, while the design has unsaved changes, in a folder of its own.
+//! Autosave: copies of the open design and its trained network that survive a crash, while they are unsaved, in a folder of their own.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
 use crate::optics::MASK_DOCUMENT_VERSION;
+use crate::reconstruction::TrainedNetwork;
 use crate::workbench::background::threads::{Wake, lock};
+use crate::workbench::reconstructions::networks::{read_network, weights_beside};
 
 /// Least time between two writings.
 const EVERY: Duration = Duration::from_secs(5);
@@ -24,6 +26,8 @@ pub struct Recovered {
     pub design: Design,
     /// The file that the design had been opened from or saved to.
     pub path: Option<PathBuf>,
+    /// A trained network that was in no file.
+    pub network: Option<Arc<TrainedNetwork>>,
     /// Time of the autosave.
     pub kept_at: SystemTime,
     file: PathBuf,
@@ -45,14 +49,25 @@ struct Kept {
     seconds: u64,
 }
 
-/// Keeps the open design in a file while it has unsaved changes, on a thread of its own.
+/// What of a design is unsaved.
+#[derive(Clone, Default)]
+pub(crate) struct Unsaved {
+    /// Whether the design has unsaved changes.
+    pub is_changed: bool,
+    /// A trained network that is in no file.
+    pub network: Option<Arc<TrainedNetwork>>,
+}
+
+/// Keeps the open design and its network in files while they are unsaved, on a thread of its own.
 pub struct Autosave {
     writer: FileWriter,
     file: PathBuf,
     /// Recovered designs that the next file includes.
     superseded: Arc<Mutex<Vec<Recovered>>>,
-    /// Number of the contents and whether they are unsaved, as noted last.
+    /// Number of the contents and whether the design is kept, as noted last.
     noted: Option<(u64, bool)>,
+    /// The network as noted last.
+    noted_network: Option<Arc<TrainedNetwork>>,
     lock_file: PathBuf,
     /// Held while this program runs.
     lock: Option<File>,
@@ -81,30 +96,65 @@ impl Autosave {
         let _ = lock.try_lock();
         let writer = FileWriter::start("lenslet-autosave", every, move || wake());
         let writer = writer.map_err(|error| FormatError::from_write(folder, error))?;
-        Ok((Self { writer, file, superseded: Arc::default(), noted: None, lock_file, lock: Some(lock) }, found))
+        Ok((
+            Self {
+                writer,
+                file,
+                superseded: Arc::default(),
+                noted: None,
+                noted_network: None,
+                lock_file,
+                lock: Some(lock),
+            },
+            found,
+        ))
     }
 
-    /// Notes the open design: `contents` is the number of its contents, `path` its file. Returns the failure of the last attempt to save
-    /// it, once.
-    pub fn note(
+    /// Notes the open design and what of it is unsaved: `contents` is the number of its contents, `path` its file. Returns the failure of
+    /// the last attempt to save it, once.
+    pub(crate) fn note(
         &mut self,
         design: &Arc<Design>,
         contents: u64,
-        is_unsaved: bool,
+        Unsaved { is_changed, network }: Unsaved,
         path: Option<&Path>,
     ) -> Option<String> {
-        if self.noted != Some((contents, is_unsaved)) {
-            self.noted = Some((contents, is_unsaved));
-            let superseded = Arc::clone(&self.superseded);
-            let then: AfterWrite = Box::new(move || lock(&superseded).drain(..).for_each(Recovered::discard));
-            if is_unsaved {
+        // A network needs its design, even if that is in a file.
+        let is_kept = is_changed || network.is_some();
+        let is_other_network = network.as_ref().map(Arc::as_ptr) != self.noted_network.as_ref().map(Arc::as_ptr);
+        if is_other_network {
+            self.note_network(network);
+        }
+        if self.noted != Some((contents, is_kept)) {
+            self.noted = Some((contents, is_kept));
+            // The network is written after the design.
+            let then = (!is_other_network || self.noted_network.is_none()).then(|| self.after_write());
+            if is_kept {
                 let (design, path) = (Arc::clone(design), path.map(Path::to_owned));
-                self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), Some(then));
+                self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), then);
             } else {
-                self.writer.remove(self.file.clone(), Some(then));
+                self.writer.remove(self.file.clone(), then);
             }
         }
         self.writer.take_failure()
+    }
+
+    fn note_network(&mut self, network: Option<Arc<TrainedNetwork>>) {
+        self.noted_network.clone_from(&network);
+        let file = weights_beside(&self.file);
+        match network {
+            Some(network) => {
+                let then = self.after_write();
+                self.writer.write(file, Box::new(move || network.to_bytes().ok()), Some(then));
+            }
+            None => self.writer.remove(file, None),
+        }
+    }
+
+    /// Removes recovered files once all of their contents are written again.
+    fn after_write(&self) -> AfterWrite {
+        let superseded = Arc::clone(&self.superseded);
+        Box::new(move || lock(&superseded).drain(..).for_each(Recovered::discard))
     }
 
     /// Whether the last noted design is saved, or need not be.
@@ -116,6 +166,7 @@ impl Autosave {
     /// changes stay and are offered again.
     pub fn close(&mut self) {
         self.writer.remove(self.file.clone(), None);
+        self.writer.remove(weights_beside(&self.file), None);
     }
 
     /// Removes the file of a recovered design as soon as the design is saved again.
@@ -129,6 +180,7 @@ impl Recovered {
     pub fn discard(self) {
         // A file that stays behind is offered again.
         let _ = std::fs::remove_file(&self.file);
+        let _ = std::fs::remove_file(weights_beside(&self.file));
         let _ = std::fs::remove_file(self.file.with_extension(LOCK_ENDING));
         drop(self.lock);
     }
@@ -173,7 +225,9 @@ fn left_behind(folder: &Path) -> Vec<Recovered> {
             let kept: Kept = UNSAVED_DESIGN.read(&file).ok()?;
             kept.design.check().ok()?;
             let kept_at = UNIX_EPOCH.checked_add(Duration::from_secs(kept.seconds))?;
-            Some(Recovered { design: kept.design, path: kept.path, kept_at, file, lock })
+            // There may be none, and one that cannot be read is no reason to give up the design.
+            let network = read_network(&weights_beside(&file)).ok().map(Arc::new);
+            Some(Recovered { design: kept.design, path: kept.path, network, kept_at, file, lock })
         })
         .collect();
     found.sort_by_key(|recovered| std::cmp::Reverse(recovered.kept_at));
@@ -212,7 +266,18 @@ mod tests {
     impl Fixture {
         /// Notes a design without a file.
         fn note(&mut self, design: &Arc<Design>, contents: u64, is_unsaved: bool) -> Option<String> {
-            self.autosave.note(design, contents, is_unsaved, None)
+            self.note_in(design, contents, is_unsaved, None)
+        }
+
+        /// Notes a design that was opened from a file.
+        fn note_in(
+            &mut self,
+            design: &Arc<Design>,
+            contents: u64,
+            is_changed: bool,
+            path: Option<&Path>,
+        ) -> Option<String> {
+            self.autosave.note(design, contents, Unsaved { is_changed, network: None }, path)
         }
 
         /// Waits until all that was noted is written or removed.
@@ -241,7 +306,7 @@ mod tests {
         let mut first = fixture(folder.path());
         assert!(first.found.is_empty());
         let path = Path::new("mine.json");
-        assert_eq!(first.autosave.note(&design, 2, true, Some(path)), None);
+        assert_eq!(first.note_in(&design, 2, true, Some(path)), None);
         first.settle();
         // Another program sees that the owner still runs.
         let other = fixture(folder.path());
@@ -271,6 +336,34 @@ mod tests {
         assert_eq!(next.note(&design, 3, false), None);
         next.settle();
         assert!(kept(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn trained_network_in_no_file_is_kept_with_its_design_until_it_has_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let (design, network) = (Arc::new(Design::default()), TrainedNetwork::of_one_step());
+        let network = Unsaved { network: Some(Arc::new(network)), is_changed: false };
+        let mut first = fixture(folder.path());
+        assert_eq!(first.autosave.note(&design, 1, network.clone(), None), None);
+        first.settle();
+        assert_eq!(kept(folder.path()).len(), 1, "its design is kept with it");
+        // A crash: nothing is closed.
+        drop(first);
+        let mut next = fixture(folder.path());
+        let recovered = next.found.pop().unwrap();
+        assert_eq!(recovered.network, network.network);
+        // Both files of the crash stay until both are written again.
+        let (file, weights) = (recovered.file.clone(), weights_beside(&recovered.file));
+        next.autosave.supersede(recovered);
+        assert!(file.exists() && weights.exists());
+        assert_eq!(next.autosave.note(&design, 1, network, None), None);
+        next.settle();
+        let own = weights_beside(&next.file());
+        assert!(!file.exists() && !weights.exists() && own.exists());
+        // Saving the design saves its network.
+        assert_eq!(next.note(&design, 1, false), None);
+        next.settle();
+        assert!(!own.exists() && kept(folder.path()).is_empty());
     }
 
     #[test]
@@ -320,11 +413,11 @@ mod tests {
         let mut autosave = fixture(folder.path());
         let design = Arc::new(Design { seed: 7, ..Design::default() });
         let path = Path::new(std::ffi::OsStr::from_bytes(b"/a/\xff.json"));
-        assert_eq!(autosave.autosave.note(&design, 2, true, Some(path)), None);
+        assert_eq!(autosave.note_in(&design, 2, true, Some(path)), None);
         autosave.settle();
         let kept: Kept = UNSAVED_DESIGN.read(&autosave.file()).unwrap();
         assert_eq!((kept.design, kept.path), (Design::clone(&design), None));
-        assert_eq!(autosave.autosave.note(&design, 2, true, Some(path)), None);
+        assert_eq!(autosave.note_in(&design, 2, true, Some(path)), None);
     }
 
     #[test]

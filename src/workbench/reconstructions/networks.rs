@@ -23,6 +23,13 @@ pub struct KnownNetwork {
     pub path: Option<PathBuf>,
 }
 
+impl KnownNetwork {
+    /// Whether it is in no file and needs one.
+    fn is_unsaved(&self) -> bool {
+        self.path.is_none() && !self.network.is_linear()
+    }
+}
+
 /// The trained networks of a session. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Networks {
@@ -83,7 +90,13 @@ impl Networks {
 
     /// Whether a network is in no file. One that is the linear estimate needs none.
     pub fn has_unsaved(&self) -> bool {
-        self.entries.iter().any(|known| known.path.is_none() && !known.network.is_linear())
+        self.entries.iter().any(KnownNetwork::is_unsaved)
+    }
+
+    /// The newest network of a document that is in no file.
+    pub fn unsaved_of(&self, document: u64) -> Option<&Arc<TrainedNetwork>> {
+        let unsaved = |known: &&KnownNetwork| known.document == document && known.is_unsaved();
+        self.entries.iter().rev().find(unsaved).map(|known| &known.network)
     }
 
     /// File of a network.

@@ -62,10 +62,15 @@ impl Session {
         }
     }
 
-    /// Adds a network that was read from a file.
-    pub(crate) fn add_network(&self, network: &Arc<TrainedNetwork>, document: u64, path: &Path) {
-        let known = KnownNetwork { network: Arc::clone(network), document, path: Some(path.to_path_buf()) };
+    /// Adds a network that was read from a file, or was recovered and is in no file.
+    pub(crate) fn add_network(&self, network: &Arc<TrainedNetwork>, document: u64, path: Option<&Path>) {
+        let known = KnownNetwork { network: Arc::clone(network), document, path: path.map(Path::to_path_buf) };
         self.trainer.publish(|queue| queue.networks_mut().add(known));
+    }
+
+    /// The network of the open design that is in no file: a finished one, or else the best one so far of the active training.
+    pub(crate) fn unsaved_network(&self) -> Option<Arc<TrainedNetwork>> {
+        self.trainer.look(|queue| queue.trainings().unsaved(self.document).cloned())
     }
 
     /// The network that is saved with the open design: the one that is known to serve it, or else the newest one of this document.

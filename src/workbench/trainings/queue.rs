@@ -162,6 +162,16 @@ pub struct Trainings {
     pub networks: Networks,
 }
 
+impl Trainings {
+    /// The network of a document that is in no file: a finished one, or else the best one so far of the active training.
+    pub(crate) fn unsaved(&self, document: u64) -> Option<&Arc<TrainedNetwork>> {
+        let active =
+            self.newest.as_ref().filter(|training| training.is_active() && training.order.document == document);
+        let best = active.and_then(|training| training.best.as_ref()).filter(|network| !network.is_linear());
+        self.networks.unsaved_of(document).or(best)
+    }
+}
+
 /// End of a training.
 pub(crate) enum TrainingEnd {
     Done(Arc<TrainedNetwork>),

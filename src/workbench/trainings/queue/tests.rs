@@ -1,9 +1,6 @@
 //! Orders, steps and ends of trainings, by plain calls.
 
 use super::*;
-use crate::information::Protocol;
-use crate::objects::{ObjectOptions, ObjectSet};
-use crate::reconstruction::{DecoderScene, Light, NetworkTraining, TrainingMasks};
 use crate::workbench::background::activity::ActivityState;
 
 fn queue() -> (TrainingQueue, Activities) {
@@ -17,19 +14,8 @@ fn order() -> TrainingOrder {
     TrainingOrder { design, scene, document: 4, scope: TrainingScope::ThisMask, budget: TrainingBudget::Steps(1000) }
 }
 
-/// A network of one step on a small field, which is hardly better than the linear estimate.
 fn network() -> Arc<TrainedNetwork> {
-    let design = Design::default();
-    let options = ObjectOptions { field: (40, 40), ..ObjectOptions::default() };
-    let set = Arc::new(ObjectSet::open(&design.objects, &options).unwrap());
-    let (light, noise, protocol) = (Light::Scene, design.noise, Protocol::Default);
-    let scene = DecoderScene { set, light, background: 10.0, noise, protocol };
-    let masks = TrainingMasks::One(scene.model(design.psf(1).unwrap().view()).unwrap());
-    let training = NetworkTraining { budget: TrainingBudget::Steps(1), seed: 1 };
-    let cancel = CancelToken::new();
-    let mut network = training.train(&scene, &masks, None, None, &cancel, &mut cancel.clone()).unwrap();
-    network.training.psnr_db = network.linear_psnr_db + 1.0;
-    Arc::new(network)
+    Arc::new(TrainedNetwork::of_one_step())
 }
 
 fn step(steps: usize, best: Option<&Arc<TrainedNetwork>>) -> TrainingStep {
@@ -69,8 +55,9 @@ fn training_goes_from_preparation_to_a_network_of_its_document() {
     let networks = &queue.trainings().networks;
     assert!(Arc::ptr_eq(networks.of_document(4).unwrap(), &network) && networks.of_document(5).is_none());
     assert!(networks.has_unsaved() && networks.serial() == 1);
+    assert!(queue.trainings().unsaved(4).is_some() && queue.trainings().unsaved(5).is_none());
     queue.networks_mut().note_file(&network, std::path::Path::new("a.safetensors"));
-    assert!(!queue.trainings().networks.has_unsaved());
+    assert!(!queue.trainings().networks.has_unsaved() && queue.trainings().unsaved(4).is_none());
 }
 
 #[test]
@@ -82,6 +69,7 @@ fn stop_ends_at_once_and_keeps_the_best_weights() {
         let cancel = CancelToken::new();
         let task = queue.next(&cancel).unwrap();
         queue.note(&step(100, best));
+        assert_eq!(queue.trainings().unsaved(4).is_some(), kept, "a crash would lose it");
         queue.stop();
         assert!(cancel.is_cancelled());
         assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Stopped);
