@@ -22,7 +22,7 @@ use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, KeptDecoder, ReconstructionStep, TrainedDecoder,
+    Evaluated, ImagingModel, ReconstructionStep, SavingDecoder, TrainedDecoder,
 };
 use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -30,8 +30,6 @@ use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, Reconstructi
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
 /// Sweeps of Markov chains.
 const SWEEPS: std::ops::RangeInclusive<usize> = 1..=1_000_000;
-/// File of the estimates of a slow decoder, until its test is complete.
-const ESTIMATES_FILE: &str = "estimates.state";
 /// Most examples.
 const MOST_EXAMPLES: usize = 1000;
 /// Largest side of squares that are averaged, px.
@@ -192,12 +190,13 @@ impl Arguments {
         progress_line.show(0, self.test, "Learning the prior");
         let prior = kind.needs().objects.then(|| scene.prior(&CancelToken::new())).transpose()?.map(Arc::new);
         let chains = self.sweeps.map(|sweeps| PosteriorChains::of_sweeps(sweeps, design.seed));
+        let estimates = self.estimates_file(kind, &scene, &design);
         let decoders: Vec<Box<dyn Decoder>> = match &trained {
             Some(trained) => {
                 let decoder = |network: &TrainedDecoder| network.decoder(&scene, prior.as_ref());
                 trained.networks.iter().map(decoder).collect::<Result<_, _>>()?
             }
-            None => vec![self.keeping(kind.decoder(prior, chains)?, (&scene, &design))],
+            None => vec![saving(kind.decoder(prior, chains)?, estimates.clone())],
         };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
@@ -229,10 +228,10 @@ impl Arguments {
         };
         let quality = quality.ok_or_else(|| anyhow::anyhow!("no decoder was tested"))?;
         progress_line.finish();
-        if let Some(out) = &self.out {
-            remove_if_there(&out.join(ESTIMATES_FILE)).map_err(anyhow::Error::from)?;
-        }
         let mut files = writer.map(ReconstructionWriter::finish).transpose()?.unwrap_or_default();
+        if let Some((file, _)) = estimates {
+            remove_if_there(&file).map_err(anyhow::Error::from)?;
+        }
         files.extend(trained.iter().flat_map(|trained| trained.files.clone()));
         let networks = trained.iter().flat_map(|trained| &trained.networks);
         let result = TestResult {
@@ -254,13 +253,13 @@ impl Arguments {
         output::print(&result.lines().join("\n"))
     }
 
-    /// A decoder that keeps its estimates in the folder, where it takes longer than writing them.
-    fn keeping(&self, decoder: Box<dyn Decoder>, (scene, design): (&DecoderScene, &Design)) -> Box<dyn Decoder> {
-        let kind = decoder.kind();
-        let is_slow = self.sweeps.is_some() || !kind.needs().objects;
-        let Some(out) = self.out.as_ref().filter(|_| is_slow) else { return decoder };
+    /// File of the estimates of a decoder and the key of its settings, where estimates take longer than writing them.
+    fn estimates_file(&self, kind: DecoderKind, scene: &DecoderScene, design: &Design) -> Option<(PathBuf, String)> {
+        let is_slow = self.sweeps.is_some() || !(kind.needs().objects || kind.needs().training);
+        let out = self.out.as_ref().filter(|_| is_slow)?;
         let settings = settings_key(kind, (scene, design), [("sweeps", self.sweeps.into())]);
-        Box::new(KeptDecoder::new(decoder, out.join(ESTIMATES_FILE), settings))
+        let name = settings.get(..8).unwrap_or_default();
+        Some((out.join(format!("estimates-{name}.state")), settings))
     }
 
     fn reconstruct_capture(&self, measurement: PathBuf, stop: &StopSignal) -> Result<(), Failure> {
@@ -334,6 +333,14 @@ impl Arguments {
             return output::print_json(&result);
         }
         output::print(&result.lines().join("\n"))
+    }
+}
+
+/// A decoder that saves its estimates, where there is a file with the key of its settings.
+fn saving(decoder: Box<dyn Decoder>, estimates: Option<(PathBuf, String)>) -> Box<dyn Decoder> {
+    match estimates {
+        Some((file, settings)) => Box::new(SavingDecoder::new(decoder, file, settings)),
+        None => decoder,
     }
 }
 

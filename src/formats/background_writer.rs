@@ -32,6 +32,8 @@ struct Task {
     then: Option<AfterWrite>,
     /// Earliest time of the task.
     due: Option<Instant>,
+    /// Time of the first request for this file that is not fulfilled yet.
+    since: Instant,
 }
 
 /// Data shared by the thread and its owner.
@@ -65,7 +67,9 @@ impl Queue {
             Content::Removed => task.due,
             Content::Make(_) | Content::Made(_) => task.due.max(paced),
         };
-        let soonest = self.tasks.iter().min_by_key(|(_, task)| due(task)).map(|(path, task)| (path.clone(), due(task)));
+        // Of those that are due together, the one that has waited longest: a file that changes all the time delays no other.
+        let soonest = self.tasks.iter().min_by_key(|(_, task)| (due(task), task.since));
+        let soonest = soonest.map(|(path, task)| (path.clone(), due(task)));
         match soonest {
             None if self.stop => Next::End,
             None => Next::Wait(None),
@@ -74,6 +78,12 @@ impl Queue {
                 None => self.tasks.remove(&path).map_or(Next::Wait(None), |task| Next::Do(path, task)),
             },
         }
+    }
+
+    /// Takes a task, in place of an earlier one of its file.
+    fn put(&mut self, path: PathBuf, task: Task) {
+        let since = self.tasks.get(&path).map_or(task.since, |earlier| earlier.since);
+        self.tasks.insert(path, Task { since, ..task });
     }
 
     /// Records the result of a task at a time. A failed task stays, unless its file has a newer task or no time is left.
@@ -146,16 +156,16 @@ impl FileWriter {
 
     /// Requests that a file be written soon, in place of its earlier request. `then` runs after the write.
     pub fn write(&self, path: PathBuf, content: FileContent, then: Option<AfterWrite>) {
-        self.put(path, Task { content: Content::Make(content), then, due: None });
+        self.put(path, Task { content: Content::Make(content), then, due: None, since: Instant::now() });
     }
 
     /// Requests that a file be removed at once. A missing file is no error.
     pub fn remove(&self, path: PathBuf, then: Option<AfterWrite>) {
-        self.put(path, Task { content: Content::Removed, then, due: None });
+        self.put(path, Task { content: Content::Removed, then, due: None, since: Instant::now() });
     }
 
     fn put(&self, path: PathBuf, task: Task) {
-        lock(&self.queue.0).tasks.insert(path, task);
+        lock(&self.queue.0).put(path, task);
         self.queue.1.notify_all();
     }
 
@@ -227,7 +237,7 @@ mod tests {
     }
 
     fn task(content: Content) -> Task {
-        Task { content, then: None, due: None }
+        Task { content, then: None, due: None, since: Instant::now() }
     }
 
     /// Performs the tasks that are due at a time, and returns the time until the next write.
@@ -260,6 +270,23 @@ mod tests {
         assert!(std::fs::read(&path).unwrap() == b"one" && !other.exists());
         assert_eq!(do_all(&mut queue, start + EVERY), None);
         assert_eq!(std::fs::read(&path).unwrap(), b"three");
+    }
+
+    #[test]
+    fn a_file_that_changes_all_the_time_delays_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("a"), folder.path().join("b"));
+        let (mut queue, start) = (Queue::default(), Instant::now());
+        queue.put(path.clone(), task(text("one")));
+        do_all(&mut queue, start);
+        queue.put(path.clone(), task(text("two")));
+        queue.put(other.clone(), task(text("other")));
+        do_all(&mut queue, start + EVERY);
+        assert!(std::fs::read(&path).unwrap() == b"two" && !other.exists());
+        // A change of the first file, again before each write.
+        queue.put(path.clone(), task(text("three")));
+        do_all(&mut queue, start + 2 * EVERY);
+        assert!(std::fs::read(&path).unwrap() == b"two" && other.exists());
     }
 
     #[test]

@@ -276,6 +276,7 @@ impl Session {
     /// Opens a design that was read from `path`.
     pub fn open(&mut self, design: Design, path: PathBuf) {
         self.take_up(design, Some(path));
+        self.find_network();
     }
 
     /// Opens a design that has no file and can be restored.
@@ -294,7 +295,6 @@ impl Session {
         (self.contents, self.lenslets) = (self.revision, self.revision);
         self.saved_contents = self.contents;
         self.path = path;
-        self.find_network();
     }
 
     /// Opens a document that is not saved in a file yet.

@@ -26,7 +26,8 @@ fn first_at_home(folder: &Path) -> Window {
     keep_data(open(Design::default()), folder)
 }
 
-fn keep_data(mut window: Window, folder: &Path) -> Window {
+/// The window with its data in a folder.
+pub fn keep_data(mut window: Window, folder: &Path) -> Window {
     let ctx = window.ctx.clone();
     window.state_mut().as_mut().unwrap().keep_data_in(&ctx, folder);
     window.state_mut().as_mut().unwrap().set_live(false);
@@ -76,6 +77,17 @@ pub fn type_and_enter(window: &mut Window, text: &str) {
     settle(window);
 }
 
+/// The data that a power cut would leave: a copy of unsaved changes in their current state, in a folder of its own.
+pub fn after_a_power_cut(folder: &Path) -> tempfile::TempDir {
+    let later = tempfile::tempdir().unwrap();
+    std::fs::create_dir(later.path().join("unsaved")).unwrap();
+    for file in std::fs::read_dir(folder.join("unsaved")).unwrap() {
+        let file = file.unwrap().path();
+        std::fs::copy(&file, later.path().join("unsaved").join(file.file_name().unwrap())).unwrap();
+    }
+    later
+}
+
 fn kept(folder: &Path) -> usize {
     let files = std::fs::read_dir(folder.join("unsaved")).unwrap();
     files.filter(|file| file.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "json")).count()
@@ -88,13 +100,7 @@ fn unsaved_changes_survive_a_crash_and_are_offered() {
     assert!(window.query_by_label("Recover").is_none());
     menu(&mut window, &["Presets", "Heuristic lenslets", "3 lenslets"]);
     wait_for(&mut window, "the autosave", |_| kept(folder.path()) == 1);
-    // A power cut, simulated by a copy of the folder in its current state.
-    let later = tempfile::tempdir().unwrap();
-    std::fs::create_dir(later.path().join("unsaved")).unwrap();
-    for file in std::fs::read_dir(folder.path().join("unsaved")).unwrap() {
-        let file = file.unwrap().path();
-        std::fs::copy(&file, later.path().join("unsaved").join(file.file_name().unwrap())).unwrap();
-    }
+    let later = after_a_power_cut(folder.path());
     close(&mut window);
     click(&mut window, "Discard");
     drop(window);

@@ -11,7 +11,7 @@ use crate::information::Protocol;
 /// 9 min, 800 steps of images 11 to 15 min.
 const FIRST_AND_LAST_FIT: Duration = Duration::from_secs(40);
 const TIME_OF_BEADS_STEP: Duration = Duration::from_millis(300);
-const TIME_OF_STEP: Duration = Duration::from_millis(800);
+const TIME_OF_STEP: Duration = Duration::from_millis(900);
 
 /// Estimated time of the optimizer run of a cell; none without one.
 pub(super) fn time_of_design(cell: &CellSettings) -> Duration {

@@ -2,16 +2,16 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use crate::formats::{AfterWrite, DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
+use crate::formats::{DocumentKind, FileWriter, FormatError, TEMPORARY_PREFIX, create_folder};
 use crate::forward::Design;
 use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::reconstruction::TrainedNetwork;
-use crate::workbench::background::threads::{Wake, lock};
+use crate::workbench::background::threads::Wake;
 use crate::workbench::reconstructions::networks::{read_network, weights_beside};
 
 /// Least time between two writings.
@@ -58,14 +58,24 @@ pub(crate) struct Unsaved {
     pub network: Option<Arc<TrainedNetwork>>,
 }
 
+/// What was noted of a design.
+#[derive(PartialEq, Eq)]
+struct Noted {
+    /// Number of its contents.
+    contents: u64,
+    /// Whether the autosave holds it.
+    is_saved: bool,
+    path: Option<PathBuf>,
+}
+
 /// Keeps the open design and its network in files while they are unsaved, on a thread of its own.
 pub struct Autosave {
     writer: FileWriter,
     file: PathBuf,
-    /// Recovered designs that the next file includes.
-    superseded: Arc<Mutex<Vec<Recovered>>>,
-    /// Number of the contents and whether the design is kept, as noted last.
-    noted: Option<(u64, bool)>,
+    /// Recovered designs that the next files include.
+    superseded: Vec<Recovered>,
+    /// The design as noted last.
+    noted: Option<Noted>,
     /// The network as noted last.
     noted_network: Option<Arc<TrainedNetwork>>,
     lock_file: PathBuf,
@@ -100,7 +110,7 @@ impl Autosave {
             Self {
                 writer,
                 file,
-                superseded: Arc::default(),
+                superseded: Vec::new(),
                 noted: None,
                 noted_network: None,
                 lock_file,
@@ -120,41 +130,33 @@ impl Autosave {
         path: Option<&Path>,
     ) -> Option<String> {
         // A network needs its design, even if that is in a file.
-        let is_kept = is_changed || network.is_some();
-        let is_other_network = network.as_ref().map(Arc::as_ptr) != self.noted_network.as_ref().map(Arc::as_ptr);
-        if is_other_network {
-            self.note_network(network);
-        }
-        if self.noted != Some((contents, is_kept)) {
-            self.noted = Some((contents, is_kept));
-            // The network is written after the design.
-            let then = (!is_other_network || self.noted_network.is_none()).then(|| self.after_write());
-            if is_kept {
-                let (design, path) = (Arc::clone(design), path.map(Path::to_owned));
-                self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), then);
+        let noted = Noted { contents, is_saved: is_changed || network.is_some(), path: path.map(Path::to_owned) };
+        if self.noted.as_ref() != Some(&noted) {
+            if noted.is_saved {
+                let (design, path) = (Arc::clone(design), noted.path.clone());
+                self.writer.write(self.file.clone(), Box::new(move || content(&design, path)), None);
             } else {
-                self.writer.remove(self.file.clone(), then);
+                self.writer.remove(self.file.clone(), None);
+            }
+            self.noted = Some(noted);
+        }
+        if network.as_ref().map(Arc::as_ptr) != self.noted_network.as_ref().map(Arc::as_ptr) {
+            self.noted_network.clone_from(&network);
+            let file = weights_beside(&self.file);
+            match network {
+                Some(network) => self.writer.write(file, Box::new(move || network.to_bytes().ok()), None),
+                None => self.writer.remove(file, None),
             }
         }
+        self.discard_superseded();
         self.writer.take_failure()
     }
 
-    fn note_network(&mut self, network: Option<Arc<TrainedNetwork>>) {
-        self.noted_network.clone_from(&network);
-        let file = weights_beside(&self.file);
-        match network {
-            Some(network) => {
-                let then = self.after_write();
-                self.writer.write(file, Box::new(move || network.to_bytes().ok()), Some(then));
-            }
-            None => self.writer.remove(file, None),
-        }
-    }
-
     /// Removes recovered files once all of their contents are written again.
-    fn after_write(&self) -> AfterWrite {
-        let superseded = Arc::clone(&self.superseded);
-        Box::new(move || lock(&superseded).drain(..).for_each(Recovered::discard))
+    fn discard_superseded(&mut self) {
+        if self.writer.is_idle() {
+            self.superseded.drain(..).for_each(Recovered::discard);
+        }
     }
 
     /// Whether the last noted design is saved, or need not be.
@@ -164,14 +166,15 @@ impl Autosave {
 
     /// Ends the autosave, after the person was asked about unsaved changes. Without this call, for example after a lost renderer, unsaved
     /// changes stay and are offered again.
-    pub fn close(&mut self) {
-        self.writer.remove(self.file.clone(), None);
+    pub fn close(mut self) {
         self.writer.remove(weights_beside(&self.file), None);
+        self.writer.remove(self.file.clone(), None);
+        self.superseded.drain(..).for_each(Recovered::discard);
     }
 
-    /// Removes the file of a recovered design as soon as the design is saved again.
-    pub fn supersede(&self, recovered: Recovered) {
-        lock(&self.superseded).push(recovered);
+    /// Removes the files of a recovered design once all of it is saved again.
+    pub fn supersede(&mut self, recovered: Recovered) {
+        self.superseded.push(recovered);
     }
 }
 
@@ -281,10 +284,11 @@ mod tests {
         }
 
         /// Waits until all that was noted is written or removed.
-        fn settle(&self) {
+        fn settle(&mut self) {
             while !self.autosave.is_done() {
                 self.attempts.recv().unwrap();
             }
+            self.autosave.discard_superseded();
         }
 
         /// Name of the file.
@@ -316,7 +320,6 @@ mod tests {
         let file = kept(folder.path()).remove(0);
         let bytes = std::fs::read(&file).unwrap();
         first.autosave.close();
-        drop(first);
         let left = std::fs::read_dir(folder.path()).unwrap().count();
         assert_eq!(left, 0, "who closes the window leaves nothing behind");
         std::fs::write(&file, bytes).unwrap();
@@ -352,14 +355,22 @@ mod tests {
         let mut next = fixture(folder.path());
         let recovered = next.found.pop().unwrap();
         assert_eq!(recovered.network, network.network);
-        // Both files of the crash stay until both are written again.
+        // Both files of the crash stay until both are written again. A folder in place of one stands for a full disk.
         let (file, weights) = (recovered.file.clone(), weights_beside(&recovered.file));
-        next.autosave.supersede(recovered);
-        assert!(file.exists() && weights.exists());
-        assert_eq!(next.autosave.note(&design, 1, network, None), None);
-        next.settle();
         let own = weights_beside(&next.file());
-        assert!(!file.exists() && !weights.exists() && own.exists());
+        std::fs::create_dir(&own).unwrap();
+        next.autosave.supersede(recovered);
+        let mut failure = next.autosave.note(&design, 1, network.clone(), None);
+        while failure.is_none() {
+            next.attempts.recv().unwrap();
+            failure = next.autosave.note(&design, 1, network.clone(), None);
+        }
+        assert!(file.exists() && weights.exists() && next.file().exists());
+        std::fs::remove_dir(&own).unwrap();
+        let again = network.network.as_deref().cloned().map(Arc::new);
+        assert_eq!(next.autosave.note(&design, 1, Unsaved { network: again, is_changed: false }, None), None);
+        next.settle();
+        assert!(!file.exists() && !weights.exists() && own.is_file());
         // Saving the design saves its network.
         assert_eq!(next.note(&design, 1, false), None);
         next.settle();

@@ -38,7 +38,7 @@ impl Session {
         let autosave = self.autosave.as_mut()?;
         let failure = autosave.note(design, self.contents, unsaved, self.path.as_deref());
         if autosave.is_done()
-            && let Some(mut earlier) = self.earlier_autosave.take()
+            && let Some(earlier) = self.earlier_autosave.take()
         {
             earlier.close();
         }
@@ -47,7 +47,7 @@ impl Session {
 
     /// Closes the session, after the person was asked about unsaved changes.
     pub fn close(&mut self) {
-        for autosave in self.autosave.iter_mut().chain(&mut self.earlier_autosave) {
+        for autosave in self.autosave.take().into_iter().chain(self.earlier_autosave.take()) {
             autosave.close();
         }
     }
@@ -55,10 +55,11 @@ impl Session {
     /// Opens a recovered design with its network; it has unsaved changes.
     pub fn recover(&mut self, recovered: Recovered) {
         self.load_unsaved(recovered.design.clone(), recovered.path.clone());
-        if let Some(network) = &recovered.network {
-            self.add_network(network, self.document, None);
+        match &recovered.network {
+            Some(network) => self.add_network(network, self.document, None),
+            None => self.find_network(),
         }
-        if let Some(autosave) = &self.autosave {
+        if let Some(autosave) = &mut self.autosave {
             autosave.supersede(recovered);
         }
     }

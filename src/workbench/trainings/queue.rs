@@ -270,14 +270,12 @@ impl TrainingQueue {
         let Some(training) = self.trainings.newest.as_mut().filter(|training| training.is_active()) else { return };
         training.left = None;
         let entry = self.entry.take();
+        let better = training.best.clone().filter(|network| !network.is_linear());
         let (status, outcome, network) = match end {
             TrainingEnd::Done(network) => (TrainingStatus::Done, Some(Ok(network.summary())), Some(network)),
             // The dropped entry counts as stopped.
-            TrainingEnd::Stopped => {
-                let better = training.best.clone().filter(|network| !network.is_linear());
-                (TrainingStatus::Stopped, None, better)
-            }
-            TrainingEnd::Failed(sentence) => (TrainingStatus::Failed(sentence.clone()), Some(Err(sentence)), None),
+            TrainingEnd::Stopped => (TrainingStatus::Stopped, None, better),
+            TrainingEnd::Failed(sentence) => (TrainingStatus::Failed(sentence.clone()), Some(Err(sentence)), better),
         };
         training.status = status;
         let document = training.order.document;

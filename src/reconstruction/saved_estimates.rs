@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -11,28 +12,29 @@ use ndarray::{Array2, Array3, ArrayView2, ArrayView3, Axis};
 use super::decoder::{Decoder, DecoderKind, ObjectEstimates, PreparedDecoder, ReconstructionStep};
 use super::error::ReconstructionError;
 use super::model::ImagingModel;
+use super::one_by_one::report as report_to;
 use crate::progress::{CancelToken, Progress};
 
 /// Bytes of a hash.
 const HASH: usize = blake3::OUT_LEN;
 
-/// A decoder that writes its estimates to a file as soon as they are made. Those that are there already are read instead.
+/// A decoder that saves its estimates in a file as soon as they are made. Those that are there already are read instead.
 ///
-/// A file of other settings is replaced. Where it cannot be written, estimates are made as without it.
-pub struct KeptDecoder {
+/// A file of other settings is replaced. Where the file cannot be written, estimates are made as without it.
+pub struct SavingDecoder {
     decoder: Box<dyn Decoder>,
     file: PathBuf,
     settings: String,
 }
 
-impl KeptDecoder {
+impl SavingDecoder {
     /// A decoder with its file. `settings` is the key of all that decides an estimate beside its measurement.
     pub fn new(decoder: Box<dyn Decoder>, file: PathBuf, settings: String) -> Self {
         Self { decoder, file, settings }
     }
 }
 
-impl Decoder for KeptDecoder {
+impl Decoder for SavingDecoder {
     fn kind(&self) -> DecoderKind {
         self.decoder.kind()
     }
@@ -44,34 +46,33 @@ impl Decoder for KeptDecoder {
     ) -> Result<Box<dyn PreparedDecoder>, ReconstructionError> {
         let prepared = self.decoder.prepare(model, cancel)?;
         let file = EstimateFile::open(&self.file, &self.settings, model.field()).ok();
-        Ok(Box::new(KeptEstimates { prepared, field: model.field(), file: Mutex::new(file) }))
+        Ok(Box::new(SavedEstimates { prepared, field: model.field(), file: Mutex::new(file) }))
     }
 }
 
-struct KeptEstimates {
+struct SavedEstimates {
     prepared: Box<dyn PreparedDecoder>,
     field: (usize, usize),
     /// None where it cannot be written.
     file: Mutex<Option<EstimateFile>>,
 }
 
-impl KeptEstimates {
-    /// What the file has for measurements, in their order.
-    fn kept(&self, keys: &[[u8; HASH]]) -> Vec<Option<Estimate>> {
+impl SavedEstimates {
+    /// Saved estimates of measurements, in their order.
+    fn saved(&self, keys: &[[u8; HASH]]) -> Vec<Option<Estimate>> {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         keys.iter().map(|key| file.as_mut()?.read(key).ok().flatten()).collect()
     }
 
-    fn keep(&self, key: [u8; HASH], estimate: &Estimate) {
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        if file.as_mut().is_some_and(|file| file.append(key, estimate).is_err()) {
-            // A full disk stops no test: what is in the file stays, and nothing more is kept.
-            *file = None;
+    fn save(&self, key: [u8; HASH], estimate: &Estimate) {
+        if let Some(file) = self.file.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
+            // An estimate that a full disk does not take is made again after a stop.
+            let _ = file.append(key, estimate);
         }
     }
 }
 
-impl PreparedDecoder for KeptEstimates {
+impl PreparedDecoder for SavedEstimates {
     fn reconstruct(
         &self,
         measurements: ArrayView3<'_, f32>,
@@ -87,26 +88,32 @@ impl PreparedDecoder for KeptEstimates {
     ) -> Result<ObjectEstimates, ReconstructionError> {
         let total = measurements.len_of(Axis(0));
         let keys: Vec<[u8; HASH]> = measurements.outer_iter().map(key_of).collect();
-        let mut estimates = self.kept(&keys);
+        let mut estimates = self.saved(&keys);
         let missing: Vec<usize> = (0..total).filter(|&index| estimates[index].is_none()).collect();
+        let mut done = total - missing.len();
         // As many at a time as there are threads: a stop loses no more than these.
-        for (group, part) in missing.chunks(rayon::current_num_threads()).enumerate() {
-            let before = total - missing.len() + group * rayon::current_num_threads();
-            let mut report = |step: &ReconstructionStep| {
-                let done = if let ReconstructionStep::Images { done, .. } = step { *done } else { 0 };
-                progress.report(&ReconstructionStep::Images { done: before + done, total })
+        for part in missing.chunks(rayon::current_num_threads()) {
+            let mut report = |step: &ReconstructionStep| match step {
+                // These are saved before a stop.
+                ReconstructionStep::Images { done, .. } if *done == part.len() => ControlFlow::Continue(()),
+                ReconstructionStep::Images { done: of_part, .. } => {
+                    progress.report(&ReconstructionStep::Images { done: done + of_part, total })
+                }
+                ReconstructionStep::Iteration { .. } => progress.report(&ReconstructionStep::Images { done, total }),
             };
             let made = self.prepared.estimate(measurements.select(Axis(0), part).view(), &mut report)?;
             for (at, (&index, object)) in part.iter().zip(made.objects.outer_iter()).enumerate() {
                 let expected_mse = made.expected_mse.as_ref().map(|expected| expected[at]);
                 let estimate = Estimate { expected_mse, object: object.to_owned() };
-                self.keep(keys[index], &estimate);
+                self.save(keys[index], &estimate);
                 estimates[index] = Some(estimate);
             }
+            done += part.len();
+            report_to(progress, &ReconstructionStep::Images { done, total })?;
         }
         let (rows, cols) = self.field;
         let mut objects = Array3::zeros((total, rows, cols));
-        // Every one is there by now.
+        // None is missing any more.
         for (mut object, estimate) in objects.outer_iter_mut().zip(estimates.iter().flatten()) {
             object.assign(&estimate.object);
         }
@@ -189,6 +196,9 @@ impl EstimateFile {
         let mut record = vec![0; self.record_bytes()];
         self.file.seek(SeekFrom::Start(place))?;
         self.file.read_exact(&mut record)?;
+        if whole(&record) != Some(*key) {
+            return Ok(None);
+        }
         let (expected, pixels) = record[HASH..record.len() - HASH].split_at(size_of::<f64>());
         let expected = f64::from_le_bytes(expected.try_into().map_err(io::Error::other)?);
         let values = pixels.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
@@ -219,7 +229,6 @@ fn whole(record: &[u8]) -> Option<[u8; HASH]> {
 
 #[cfg(test)]
 mod tests {
-    use std::ops::ControlFlow;
     use std::sync::Arc;
     use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -293,7 +302,7 @@ mod tests {
         let decoder = Box::new(Filled { images: Arc::clone(&images) });
         let psf = Array3::from_elem((1, 2, 2), 0.25);
         let model = ImagingModel::new(psf.view(), (6, 7), 1.0, Noise::Shot).unwrap();
-        let kept = KeptDecoder::new(decoder, file.into(), settings.into());
+        let kept = SavingDecoder::new(decoder, file.into(), settings.into());
         assert_eq!(kept.kind(), DecoderKind::TotalVariation);
         (kept.prepare(&model, &CancelToken::new()).unwrap(), images)
     }
@@ -305,26 +314,24 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_the_file_is_not_made_again() {
+    fn saved_estimates_are_not_computed_again() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("estimates.state");
         let (prepared, images) = prepare(&file, "a");
-        // The third group is stopped.
-        let threads = rayon::current_num_threads();
+        // Six of twelve are made before the stop.
         let mut stop = |step: &ReconstructionStep| match step {
-            ReconstructionStep::Images { done, .. } if *done > 2 * threads => ControlFlow::Break(()),
+            ReconstructionStep::Images { done, .. } if *done > 4 => ControlFlow::Break(()),
             _ => ControlFlow::Continue(()),
         };
-        let stopped = prepared.estimate(measurements().view(), &mut stop);
-        let made = images.load(Ordering::Relaxed);
-        assert_eq!(stopped.is_err(), made > 2 * threads, "{made}");
-        let kept = made.min(2 * threads);
+        let two_threads = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+        let stopped = two_threads.install(|| prepared.estimate(measurements().view(), &mut stop));
+        assert!(matches!(stopped, Err(ReconstructionError::Cancelled)) && images.load(Ordering::Relaxed) == 6);
         drop(prepared);
         let (found, made) = estimate(&file, "a");
-        assert!(is_right(&found) && made == 12 - kept, "{made} of {kept}");
+        assert!(is_right(&found) && made == 6, "{made}");
         let (found, made) = estimate(&file, "a");
         assert!(is_right(&found) && made == 0, "{made}");
-        // Other settings begin anew.
+        // Those of other settings are of no use.
         let (found, made) = estimate(&file, "b");
         assert!(is_right(&found) && made == 12, "{made}");
     }
