@@ -15,19 +15,23 @@ pub fn at_home(folder: &Path) -> Window {
 }
 
 pub fn at_home_sized(folder: &Path, size: Vec2) -> Window {
+    keep_data_of(open_sized(Design::default(), size), folder)
+}
+
+/// The window with application data in a folder, not for the first time.
+pub fn keep_data_of(window: Window, folder: &Path) -> Window {
     let preferences = folder.join("preferences.json");
     if !preferences.exists() {
         std::fs::write(preferences, "{\"welcomed\": true}").unwrap();
     }
-    keep_data(open_sized(Design::default(), size), folder)
+    keep_data(window, folder)
 }
 
 fn first_at_home(folder: &Path) -> Window {
     keep_data(open(Design::default()), folder)
 }
 
-/// The window with its data in a folder.
-pub fn keep_data(mut window: Window, folder: &Path) -> Window {
+fn keep_data(mut window: Window, folder: &Path) -> Window {
     let ctx = window.ctx.clone();
     window.state_mut().as_mut().unwrap().keep_data_in(&ctx, folder);
     window.state_mut().as_mut().unwrap().set_live(false);

@@ -15,7 +15,7 @@ use lenslet_studio::reconstruction::{DecoderKind, DecoderScene, NetworkTraining,
 use lenslet_studio::workbench::{NetworkFit, Reconstruction, Training, TrainingStatus, weights_beside};
 use ndarray::Array3;
 
-use super::home::{after_a_power_cut, keep_data};
+use super::home::{after_a_power_cut, keep_data_of};
 use super::waiting::wait_for;
 use super::work::copied;
 use super::{Window, answer, click, close, menu, open, settle, studio, type_number};
@@ -129,7 +129,7 @@ fn trained_network_is_used_at_once_stale_after_an_edit_and_current_after_its_und
 #[test]
 fn trained_network_in_no_file_is_offered_after_a_power_cut() {
     let (folder, home) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let mut window = keep_data(open(small_design(folder.path())), home.path());
+    let mut window = keep_data_of(open(small_design(folder.path())), home.path());
     choose_steps(&mut window, 60);
     train(&mut window);
     let object = shown(&mut window).object.clone();
@@ -138,7 +138,7 @@ fn trained_network_in_no_file_is_offered_after_a_power_cut() {
     };
     wait_for(&mut window, "the autosave", |_| std::fs::read_dir(home.path().join("unsaved")).unwrap().any(is_network));
     let later = after_a_power_cut(home.path());
-    let mut window = keep_data(open(Design::default()), later.path());
+    let mut window = keep_data_of(open(Design::default()), later.path());
     assert!(shows(&window, "60 steps"), "the dialog names the network");
     click(&mut window, "Recover");
     settle(&mut window);
