@@ -24,6 +24,7 @@ pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
 pub use document::file_preview::{FilePreview, FileUse, with_option};
+pub use document::network_file::weights_beside;
 pub use document::psf_preview::{PsfPreview, PsfPreviewRequest, PsfPreviewer};
 pub use document::samples::{SAMPLES, Sample};
 pub use estimates::files::{EstimateOrder, FinishedEstimate};
@@ -50,7 +51,7 @@ pub use live::inspection::{InspectionKey, InspectionRequest, SampleInspection};
 pub use live::position_gradients::PositionGradient;
 pub use live::published::{Live, Revisioned};
 pub use live::record::{LiveNumbers, LiveRecord, Repeated};
-pub use reconstructions::networks::{KnownNetwork, NetworkFit, Networks, weights_beside};
+pub use reconstructions::networks::{KnownNetwork, NetworkFit, Networks};
 pub use reconstructions::queue::{
     Reconstruction, ReconstructionKey, ReconstructionRequest, Reconstructions, SeenRegion, SetQuality,
 };

@@ -12,7 +12,7 @@ use crate::forward::Design;
 use crate::optics::MASK_DOCUMENT_VERSION;
 use crate::reconstruction::TrainedNetwork;
 use crate::workbench::background::threads::Wake;
-use crate::workbench::reconstructions::networks::{read_network, weights_beside};
+use crate::workbench::document::network_file::{read_network, weights_beside};
 
 /// Least time between two writings.
 const EVERY: Duration = Duration::from_secs(5);

@@ -15,13 +15,13 @@ use crate::optics::{Diffuser, Encoder, ImportedPsf, PsfPhotograph, fit_lenslets,
 use crate::progress::CancelToken;
 use crate::reconstruction::{DecoderScene, ImagingModel, ReconstructionError, TrainedNetwork};
 use crate::studies::plans::{CSV_HEADER, CellState, Figure, StudyFolder, StudyTable, write_figure};
+use crate::workbench::document::network_file::{read_network, weights_beside, write_network};
 use crate::workbench::export::colormap::Colormap;
 use crate::workbench::export::design_files::{self, Curve};
 use crate::workbench::export::reconstruction_files;
 use crate::workbench::export::stacks::{self, MEASUREMENT_STACKS, MeasurementFormat};
 use crate::workbench::jobs::outcome::Outcome;
 use crate::workbench::live::record::LiveRecord;
-use crate::workbench::reconstructions::networks::{read_network, weights_beside, write_network};
 use crate::workbench::runs::IdealRecord;
 
 /// A job that the window gives to the worker.

@@ -3,14 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::formats::{read_bytes, write_safely};
-use crate::reconstruction::{DecoderKind, DecoderScene, ImagingModel, LARGEST_WEIGHTS, TrainedNetwork};
+use crate::reconstruction::{DecoderKind, DecoderScene, ImagingModel, TrainedNetwork};
 
 /// Most networks of a session; the oldest one is dropped.
 const MOST: usize = 16;
-
-/// Extension of the weights that lie beside the file of a design.
-const EXTENSION: &str = "network.safetensors";
 
 /// A trained network of a session.
 #[derive(Clone, Debug)]
@@ -123,27 +119,4 @@ impl Networks {
         }
         newest.unwrap_or(NetworkFit::Missing)
     }
-}
-
-/// The file of weights beside the file of a design.
-pub fn weights_beside(design: &Path) -> PathBuf {
-    design.with_extension(EXTENSION)
-}
-
-/// Reads a file of weights.
-///
-/// # Errors
-/// One sentence where the file is missing, too large, or no weights of this network.
-pub(crate) fn read_network(path: &Path) -> Result<TrainedNetwork, String> {
-    let bytes = read_bytes(path, LARGEST_WEIGHTS).map_err(|error| error.to_string())?;
-    TrainedNetwork::from_bytes(&bytes).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-/// Writes a file of weights.
-///
-/// # Errors
-/// One sentence where it cannot be written.
-pub(crate) fn write_network(network: &TrainedNetwork, path: &Path) -> Result<(), String> {
-    let bytes = network.to_bytes().map_err(|error| error.to_string())?;
-    write_safely(path, |file| file.write_all(&bytes)).map_err(|error| error.to_string())
 }

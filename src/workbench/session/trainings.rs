@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::reconstruction::{TrainedNetwork, TrainingBudget};
+use crate::workbench::document::network_file::weights_beside;
 use crate::workbench::jobs::job::Job;
-use crate::workbench::reconstructions::networks::{KnownNetwork, weights_beside};
+use crate::workbench::reconstructions::networks::KnownNetwork;
 use crate::workbench::reconstructions::queue::ReconstructionKey;
 use crate::workbench::session::Session;
 use crate::workbench::trainings::queue::{TrainingOrder, TrainingQueue, TrainingScope, Trainings};
