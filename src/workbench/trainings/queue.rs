@@ -127,6 +127,11 @@ impl Training {
         matches!(self.status, TrainingStatus::Preparing | TrainingStatus::Running | TrainingStatus::Paused)
     }
 
+    /// The network of the best weights so far, where they are better than the linear estimate.
+    fn better(&self) -> Option<&Arc<TrainedNetwork>> {
+        self.best.as_ref().filter(|network| !network.is_linear())
+    }
+
     /// Receives a step. Returns whether it brings a validation.
     fn note(&mut self, step: &TrainingStep) -> bool {
         (self.steps, self.done) = (step.steps, step.done);
@@ -167,8 +172,7 @@ impl Trainings {
     pub(crate) fn unsaved(&self, document: u64) -> Option<&Arc<TrainedNetwork>> {
         let active =
             self.newest.as_ref().filter(|training| training.is_active() && training.order.document == document);
-        let best = active.and_then(|training| training.best.as_ref()).filter(|network| !network.is_linear());
-        self.networks.unsaved_of(document).or(best)
+        self.networks.unsaved_of(document).or(active.and_then(Training::better))
     }
 }
 
@@ -270,7 +274,7 @@ impl TrainingQueue {
         let Some(training) = self.trainings.newest.as_mut().filter(|training| training.is_active()) else { return };
         training.left = None;
         let entry = self.entry.take();
-        let better = training.best.clone().filter(|network| !network.is_linear());
+        let better = training.better().cloned();
         let (status, outcome, network) = match end {
             TrainingEnd::Done(network) => (TrainingStatus::Done, Some(Ok(network.summary())), Some(network)),
             // The dropped entry counts as stopped.
