@@ -99,4 +99,23 @@ fn failure_is_a_sentence_and_long_curves_are_thinned_out() {
     queue.end(task, Err("no light".into()));
     assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Failed("no light".into()));
     assert_eq!(activities.all()[0].state, ActivityState::Failed("no light".into()));
+    assert!(queue.trainings().networks.of_document(4).is_none(), "no weights were validated");
+}
+
+#[test]
+fn a_failed_training_leaves_its_best_weights_if_they_beat_the_linear_estimate() {
+    let better = network();
+    let mut worse = TrainedNetwork::clone(&better);
+    worse.linear_psnr_db = worse.training.psnr_db + 1.0;
+    let worse = Arc::new(worse);
+    for (best, is_left) in [(&better, true), (&worse, false)] {
+        let (mut queue, _) = queue();
+        queue.order(order()).unwrap();
+        let task = queue.next(&CancelToken::new()).unwrap();
+        queue.note(&step(100, Some(best)));
+        queue.end(task, Err("no memory".into()));
+        assert_eq!(queue.trainings().newest.as_ref().unwrap().status, TrainingStatus::Failed("no memory".into()));
+        assert_eq!(queue.trainings().networks.of_document(4).is_some_and(|left| Arc::ptr_eq(left, best)), is_left);
+        assert_eq!(queue.trainings().networks.has_unsaved(), is_left);
+    }
 }
