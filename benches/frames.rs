@@ -1,5 +1,5 @@
-//! Frame times of the window during an IDEAL run, and the share of frames in time for 60 frames a second. wgpu draws the
-//! whole window, on the graphics card if there is one.
+//! Frame times of the window during a training and during an IDEAL run, the share of frames in time for 60 frames a second, and times
+//! from edits to their first live number. wgpu draws the whole window, on the graphics card if there is one.
 
 use std::error::Error;
 use std::time::{Duration, Instant};
@@ -13,6 +13,7 @@ use image::RgbaImage;
 use lenslet_studio::forward::Design;
 use lenslet_studio::optics::{Encoder, random_layout};
 use lenslet_studio::studio::Studio;
+use lenslet_studio::workbench::Session;
 
 /// Allocator of the program.
 #[global_allocator]
@@ -21,6 +22,10 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 /// Frame interval of a screen.
 const FRAME: Duration = Duration::from_nanos(1_000_000_000 / 60);
 const WATCHED: Duration = Duration::from_secs(15);
+/// Time after which something that was started must have happened.
+const LONGEST_WAIT: Duration = Duration::from_mins(2);
+/// Edits whose first live numbers are timed.
+const EDITS: usize = 3;
 const LENSLETS: usize = 25;
 /// Size of the window, px.
 const SIZE: (u32, u32) = (1440, 900);
@@ -99,8 +104,16 @@ fn open(renderer: impl TestRenderer + 'static) -> Window {
     )
 }
 
-fn steps(window: &Window) -> usize {
-    window.state().as_ref().and_then(|studio| studio.session().run()).map_or(0, |run| run.step)
+fn session(window: &Window) -> &Session {
+    window.state().as_ref().expect("an open window").session()
+}
+
+fn run_steps(window: &Window) -> usize {
+    session(window).run().map_or(0, |run| run.step)
+}
+
+fn training_steps(window: &Window) -> usize {
+    session(window).trainings().newest.map_or(0, |training| training.steps)
 }
 
 fn click(window: &mut Window, name: &str) {
@@ -108,8 +121,37 @@ fn click(window: &mut Window, name: &str) {
     window.run_steps(8);
 }
 
-/// Draws frame after frame, at the pace of a screen, while nothing but the run happens; prints what they cost.
-fn watch(window: &mut Window, name: &str) -> Result<(), String> {
+/// Lays frames out, at the pace of a screen, until something has happened.
+fn wait(window: &mut Window, name: &str, happened: impl Fn(&Window) -> bool) -> Result<(), String> {
+    let begun = Instant::now();
+    while !happened(window) {
+        if begun.elapsed() > LONGEST_WAIT {
+            return Err(format!("no {name} within {LONGEST_WAIT:?}"));
+        }
+        window.step();
+        std::thread::sleep(FRAME);
+    }
+    Ok(())
+}
+
+/// Adds lenslets; prints the times to their first live numbers.
+fn edit(window: &mut Window, name: &str) -> Result<(), String> {
+    let mut seconds = Vec::new();
+    for _ in 0..EDITS {
+        let edited = Instant::now();
+        click(window, "Add lenslet");
+        wait(window, "live number", |window| {
+            let session = session(window);
+            session.estimates().live.is_some_and(|live| live.revision == session.revision())
+        })?;
+        seconds.push(format!("{:.2}", edited.elapsed().as_secs_f64()));
+    }
+    println!("{name:24} s from edits to first numbers: {}", seconds.join(", "));
+    Ok(())
+}
+
+/// Draws frame after frame, at the pace of a screen, while nothing but the background work happens; prints what they cost.
+fn watch(window: &mut Window, name: &str, steps: impl Fn(&Window) -> usize) -> Result<(), String> {
     let (begun, first_step) = (Instant::now(), steps(window));
     let (mut costs, mut layouts) = (Vec::new(), Vec::new());
     let mut due = begun;
@@ -150,14 +192,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("{} x {} px on {name} ({driver}, {backend})", SIZE.0, SIZE.1);
     let mut window = open(Screen::new(state));
     window.run_steps(8);
-    watch(&mut window, "live estimate")?;
+    watch(&mut window, "live estimate", |_| 0)?;
+    edit(&mut window, "live estimate")?;
+    click(&mut window, "Reconstruction method");
+    click(&mut window, "Trained network");
+    click(&mut window, "Train");
+    wait(&mut window, "step of the training", |window| training_steps(window) > 0)?;
+    watch(&mut window, "training", training_steps)?;
+    edit(&mut window, "training")?;
+    click(&mut window, "Stop training");
     click(&mut window, "Optimize");
     click(&mut window, "Start run");
-    let begun = Instant::now();
-    while steps(&window) == 0 && begun.elapsed() < Duration::from_mins(2) {
-        window.step();
-        std::thread::sleep(FRAME);
-    }
-    watch(&mut window, "run up the posterior")?;
+    wait(&mut window, "step of the run", |window| run_steps(window) > 0)?;
+    watch(&mut window, "run up the posterior", run_steps)?;
     Ok(())
 }
