@@ -296,21 +296,14 @@ impl CaptureFiles {
 /// Images of a file, one stack for each channel: grey, or red, green and blue where the path chooses none.
 fn channels_of(path: &Path, notices: &mut Vec<String>) -> Result<Vec<PixelStack>, FormatError> {
     let file = ImageFile::find(path)?;
-    let stack = file.read()?;
-    if !stack.from_colour || file.meaning.channel.is_some() {
-        notices.push(format!("{}: {}", path.display(), ImageSummary::of(&stack)));
-        return Ok(vec![stack]);
+    let first = file.read_of_colours(Channel::Red)?;
+    if !first.from_colour {
+        notices.push(format!("{}: {}", path.display(), ImageSummary::of(&first)));
+        return Ok(vec![first]);
     }
-    let channels = [Channel::Red, Channel::Green, Channel::Blue];
-    let of_channel = |channel: Channel| {
-        let mut file = file.clone();
-        file.meaning.channel = Some(channel);
-        file.read()
-    };
-    let stacks: Vec<PixelStack> = channels.into_iter().map(of_channel).collect::<Result<_, _>>()?;
-    let shape = format!("{} x {} px", stack.rows, stack.cols);
+    let shape = format!("{} x {} px", first.rows, first.cols);
     notices.push(format!("{}: red, green and blue, each of {shape}", path.display()));
-    Ok(stacks)
+    Ok(vec![first, file.read_of_colours(Channel::Green)?, file.read_of_colours(Channel::Blue)?])
 }
 
 /// The images of a file, shape (n, rows, cols).
