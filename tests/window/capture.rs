@@ -104,3 +104,25 @@ fn broken_capture_is_refused_in_one_sentence_and_can_be_corrected() {
     let found = ended(&mut window);
     assert!(matches!(found.state, CaptureState::Done { .. }), "{:?}", found.state);
 }
+
+#[test]
+fn failed_order_keeps_the_complete_reconstruction() {
+    let folder = tempfile::tempdir().unwrap();
+    let [capture, psf] = write_capture(folder.path());
+    let mut window = open(Design::default());
+    menu(&mut window, &["File", "Open capture..."]);
+    fill(&mut window, "Capture file", &capture.display().to_string());
+    fill(&mut window, "PSF file", &psf.display().to_string());
+    click(&mut window, "Method of the capture");
+    click(&mut window, "Richardson-Lucy");
+    click(&mut window, "Reconstruct the capture");
+    let object = ended(&mut window).object;
+    assert!(object.is_some());
+    fill(&mut window, "Dark level of the capture", "abc");
+    click(&mut window, "Reconstruct the capture");
+    let failed = ended(&mut window);
+    assert!(matches!(failed.state, CaptureState::Failed(_)), "{:?}", failed.state);
+    assert_eq!(failed.object, object);
+    assert!(!window.get_by_label("Export the reconstruction").accesskit_node().is_disabled());
+    assert!(window.query_by_label("Dismiss").is_none(), "the dialog itself shows the failure");
+}

@@ -2,7 +2,7 @@
 
 use crate::studio::app::state::State;
 use crate::studio::state::messages::Severity;
-use crate::workbench::{Activity, ActivityState, Outcome};
+use crate::workbench::{Activity, ActivityKind, ActivityState, Outcome};
 
 /// Loads the outcome of a job and reports it.
 pub(super) fn report_outcome(state: &mut State, outcome: &Result<Outcome, String>) {
@@ -50,6 +50,10 @@ pub(super) fn report_outcome(state: &mut State, outcome: &Result<Outcome, String
 pub(super) fn report_end(state: &mut State, activity: &Activity) {
     match &activity.state {
         ActivityState::Done(text) => state.messages.push(Severity::Done, format!("{}: {text}", activity.name)),
+        // The window of the capture shows it.
+        ActivityState::Failed(sentence) if activity.kind == ActivityKind::Capture && state.dialogs.capture.is_open => {
+            state.messages.log_failure(sentence);
+        }
         ActivityState::Failed(sentence) => state.messages.push(Severity::Failure, sentence),
         _ => {}
     }

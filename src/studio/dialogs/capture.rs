@@ -16,6 +16,10 @@ use crate::workbench::{CaptureReconstruction, CaptureState, SeenRegion, capture_
 
 /// Usual size of the window, points.
 const SIZE: Vec2 = vec2(660.0, 640.0);
+/// Height of the status bar, points.
+const STATUS_BAR: f32 = 26.0;
+/// Size of the frame with the title, points.
+const FRAME: Vec2 = vec2(24.0, 50.0);
 /// Least height of the image, points.
 const LEAST_IMAGE: f32 = 180.0;
 /// Width of the names of the fields, points.
@@ -28,9 +32,12 @@ const CHANNELS: [&str; 3] = ["Red", "Green", "Blue"];
 /// Draws the window if it is open.
 pub fn show(ctx: &egui::Context, dialog: &mut CaptureDialog, view: &View<'_>, requests: &mut Vec<Request>) {
     let mut open = dialog.is_open;
-    let room = ctx.content_rect().size() - vec2(24.0, 60.0);
+    // The status bar stays in sight.
+    let place = ctx.content_rect().with_max_y(ctx.content_rect().bottom() - STATUS_BAR);
+    let room = (place.size() - FRAME).max(Vec2::splat(80.0));
     let window = egui::Window::new("Capture").open(&mut open).default_size(SIZE.min(room)).max_size(room);
-    window.pivot(egui::Align2::CENTER_CENTER).default_pos(ctx.content_rect().center()).vscroll(true).show(ctx, |ui| {
+    let window = window.pivot(egui::Align2::CENTER_CENTER).default_pos(place.center()).constrain_to(place);
+    window.vscroll(true).show(ctx, |ui| {
         form(ui, dialog, requests);
         let Some(capture) = view.capture else { return };
         ui.separator();
@@ -59,12 +66,16 @@ fn form(ui: &mut Ui, dialog: &mut CaptureDialog, requests: &mut Vec<Request>) {
     }
     ui.horizontal_wrapped(|ui| {
         field_name(ui, "Dark level");
-        let field = TextEdit::singleline(&mut dialog.dark).desired_width(150.0).hint_text("corners of the PSF");
-        let field = ui.add(field).on_hover_text("Grey value without light, or a capture without light");
+        let field = TextEdit::singleline(&mut dialog.dark).desired_width(150.0).hint_text("number or file");
+        let hint = "Grey value without light in DN, or path of a capture without light; empty: the corners of the PSF";
+        let field = ui.add(field).on_hover_text(hint);
         name_widget(&field, "Dark level of the capture");
-        ui.label("Average");
-        let field = NumberField::whole("Capture: bin", 1..=LARGEST_BIN).unit(" px");
-        field.edit_whole(ui, &mut dialog.bin).on_hover_text("Side of the squares of pixels that are averaged");
+        ui.label("DN");
+        ui.add_space(8.0);
+        ui.label("Average squares of");
+        let field = NumberField::whole("Capture: bin", 1..=LARGEST_BIN);
+        field.edit_whole(ui, &mut dialog.bin).on_hover_text("Side of the squares of pixels that are averaged, px");
+        ui.label(format!("x {} px", dialog.bin));
         let response = ComboBox::from_id_salt("capture method")
             .selected_text(dialog.decoder.name())
             .width(118.0)
@@ -116,16 +127,24 @@ fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Req
                 let bar = ui.add(bar);
                 name_widget(&bar, &format!("Progress: {text}"));
             }
-            CaptureState::Done { seconds } => {
-                ui.label(format!("{}, {seconds:.1} s", capture.order.decoder));
+            CaptureState::Done { seconds, iterations } => {
+                let of_most = |(done, most)| format!(", {done} of at most {most} iterations");
+                let iterations = iterations.map_or_else(String::new, of_most);
+                ui.label(format!("{}{iterations}, {seconds:.1} s", capture.order.decoder));
             }
             CaptureState::Stopped => {
                 ui.label("Stopped");
             }
             CaptureState::Failed(sentence) => {
                 ui.colored_label(ui.visuals().error_fg_color, sentence);
-                return;
+                if capture.earlier.is_none() {
+                    return;
+                }
             }
+        }
+        if let Some(earlier) = &capture.earlier {
+            let name = earlier.files.measurement.file_name().unwrap_or_default().to_string_lossy();
+            ui.weak(format!("Shown: the earlier reconstruction of {name}, by {}", earlier.decoder));
         }
         if capture.state.is_open() {
             let stop = ui.button("Cancel");
@@ -134,8 +153,8 @@ fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Req
                 requests.push(Request::StopCapture);
             }
         }
-        let is_done = matches!(capture.state, CaptureState::Done { .. });
-        let export = ui.add_enabled(is_done, egui::Button::new("Export...")).on_hover_text("Writes PNG and NPY");
+        let export =
+            ui.add_enabled(capture.is_complete(), egui::Button::new("Export...")).on_hover_text("Writes PNG and NPY");
         name_widget(&export, "Export the reconstruction");
         if export.clicked()
             && let (Some(object), Some(measurement)) = (capture.object.clone(), capture.measurement.clone())
@@ -145,7 +164,8 @@ fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Req
         let copy = ui.button("Copy command line");
         name_widget(&copy, "Copy command line of the capture");
         if copy.clicked() {
-            requests.push(Request::CopyCommand(Ok(capture_command(&capture.order))));
+            let shown = capture.earlier.as_ref().unwrap_or(&capture.order);
+            requests.push(Request::CopyCommand(Ok(capture_command(shown))));
         }
     });
     for notice in &capture.notices {

@@ -87,7 +87,8 @@ fn newest_message(ui: &mut Ui, messages: &mut Messages) {
         ui.weak("Ready");
         return;
     };
-    let text = RichText::new(&message.text).color(severity_colour(ui, message.severity));
+    let severity = messages.newest_severity().unwrap_or(message.severity);
+    let text = RichText::new(&message.text).color(severity_colour(ui, severity));
     let label = egui::Label::new(text).truncate().sense(egui::Sense::click());
     let response = ui.add(label).on_hover_text(format!("{}\n\nClick to show all messages", message.text));
     if response.clicked() {

@@ -42,6 +42,22 @@ impl Messages {
         if severity == Severity::Failure {
             self.failure = Some(text.clone());
         }
+        self.log(severity, text);
+    }
+
+    /// Adds a failure that its own dialog shows: it has no banner.
+    pub fn log_failure(&mut self, text: &str) {
+        self.log(Severity::Failure, text.to_owned());
+    }
+
+    /// Severity of the newest message for the status bar: a failure without a banner counts as a thing of the past.
+    pub fn newest_severity(&self) -> Option<Severity> {
+        let newest = self.entries.last()?;
+        let is_past = newest.severity == Severity::Failure && self.failure.as_ref() != Some(&newest.text);
+        Some(if is_past { Severity::Done } else { newest.severity })
+    }
+
+    fn log(&mut self, severity: Severity, text: String) {
         if let Some(last) = self.entries.last_mut().filter(|last| last.text == text) {
             last.seen = None;
             return;
@@ -55,5 +71,30 @@ impl Messages {
     /// Closes the banner of the newest failure.
     pub fn dismiss(&mut self) {
         self.failure = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dismissed_failure_is_listed_and_no_longer_marked() {
+        let mut messages = Messages::default();
+        messages.push(Severity::Failure, "no file");
+        assert_eq!(
+            (messages.failure.as_deref(), messages.newest_severity()),
+            (Some("no file"), Some(Severity::Failure))
+        );
+        messages.dismiss();
+        assert_eq!((messages.entries.len(), messages.newest_severity()), (1, Some(Severity::Done)));
+    }
+
+    #[test]
+    fn failure_that_a_dialog_shows_has_no_banner() {
+        let mut messages = Messages::default();
+        messages.log_failure("no light");
+        assert_eq!((&messages.failure, messages.newest_severity()), (&None, Some(Severity::Done)));
+        assert_eq!(messages.entries[0].severity, Severity::Failure, "the log marks it");
     }
 }

@@ -16,6 +16,9 @@ use crate::workbench::background::mailbox::Mailbox;
 use crate::workbench::captures::queue::{CaptureEnd, CaptureOrder, CaptureQueue, CaptureState};
 use crate::workbench::reconstructions::queue::SeenRegion;
 
+/// Flags of the command line, and the fields of the window that stand for them.
+const FIELDS: [(&str, &str); 2] = [("--dark", "\"Dark level\""), ("--bin", "\"Average squares\"")];
+
 /// Reason why a capture has no reconstruction.
 #[derive(Debug, thiserror::Error)]
 enum Refusal {
@@ -33,20 +36,27 @@ pub(crate) fn run(
 ) -> CaptureEnd {
     let began = Instant::now();
     match reconstruct(order, entry, cancel, mailbox) {
-        Ok(()) => CaptureEnd::Done { seconds: began.elapsed().as_secs_f64() },
+        Ok(iterations) => CaptureEnd::Done { seconds: began.elapsed().as_secs_f64(), iterations },
         Err(Refusal::Reconstruction(ReconstructionError::Cancelled)) => CaptureEnd::Stopped,
-        Err(refusal) => CaptureEnd::Failed(refusal.to_string()),
+        Err(refusal) => CaptureEnd::Failed(with_field_names(&refusal.to_string())),
     }
 }
 
+/// A sentence with the fields of the window in place of the flags of the command line.
+fn with_field_names(sentence: &str) -> String {
+    FIELDS.iter().fold(sentence.to_owned(), |sentence, (flag, field)| sentence.replace(flag, field))
+}
+
+/// Reconstructs a capture. Returns the iterations done and the most iterations, where the decoder iterates.
 fn reconstruct(
     order: &CaptureOrder,
     entry: &ActivityHandle,
     cancel: &CancelToken,
     mailbox: &Mailbox<CaptureQueue>,
-) -> Result<(), Refusal> {
+) -> Result<Option<(usize, usize)>, Refusal> {
     entry.report("Reading the files", None, None);
-    let Capture { channels, mut notices } = order.files.open()?;
+    let Capture { channels, notices } = order.files.open()?;
+    let mut notices: Vec<String> = notices.iter().map(|notice| with_field_names(notice)).collect();
     if cancel.is_cancelled() {
         return Err(ReconstructionError::Cancelled.into());
     }
@@ -57,42 +67,39 @@ fn reconstruct(
     let measured: Vec<Array2<f32>> =
         channels.iter().map(|channel| channel.grey_values(channel.measurements.index_axis(Axis(0), 0))).collect();
     let measured = Arc::new(with_channels(measured.iter()));
-    mailbox.publish(|queue| {
-        queue.publish(|newest| (newest.measurement, newest.notices) = (Some(Arc::clone(&measured)), notices));
-    });
+    mailbox.publish(|queue| queue.publish_measurement(measured, notices));
     let decoder = order.decoder.decoder(None, None)?;
     let mut objects: Vec<Array2<f32>> = Vec::new();
+    let mut iterations = None;
     for (index, channel) in channels.iter().enumerate() {
         let CaptureChannel { measurements, psf, noise, .. } = channel;
         let measurement = measurements.index_axis(Axis(0), 0);
         let model = ImagingModel::of_capture(psf.view(), measurement.dim(), *noise)?;
         let seen = SeenRegion { corner: model.sensor_corner(), shape: model.measurement_shape() };
         let prepared = decoder.prepare(&model, cancel)?;
-        let publish = |object: Option<&Array2<f32>>, state: CaptureState| {
-            let object = object.map(|object| Arc::new(so_far(&objects, object, channels.len())));
-            mailbox.publish(|queue| {
-                queue.publish(|newest| {
-                    (newest.state, newest.seen) = (state, seen);
-                    newest.object = object.or(newest.object.take());
-                });
-            });
+        let publish = |object: &Array2<f32>, state: CaptureState| {
+            let object = Arc::new(so_far(&objects, object, channels.len()));
+            mailbox.publish(|queue| queue.publish_object(object, seen, state));
         };
         let at = |done, most| CaptureState::Reconstructing { channel: index + 1, channels: channels.len(), done, most };
         let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
+            if let ReconstructionStep::Iteration { done, most, .. } = step {
+                iterations = iterations.max(Some((*done, *most)));
+            }
             if let ReconstructionStep::Iteration { done, most, object: Some(object) } = step
                 && !cancel.is_cancelled()
             {
                 let share = (index as f64 + *done as f64 / (*most).max(1) as f64) / channels.len() as f64;
                 entry.report(&format!("Channel {} of {}", index + 1, channels.len()), Some(share), None);
-                publish(Some(&channel.grey_values(object.view())), at(*done, *most));
+                publish(&channel.grey_values(object.view()), at(*done, *most));
             }
             cancel.check()
         };
         let object = channel.grey_values(prepared.reconstruct_one(measurement, &mut on_progress)?.view());
-        publish(Some(&object), at(1, 1));
+        publish(&object, at(1, 1));
         objects.push(object);
     }
-    Ok(())
+    Ok(iterations)
 }
 
 /// Complete channels, and `newest` for the others: the image is grey before it has its colours.
@@ -108,4 +115,20 @@ fn with_channels<'a>(images: impl ExactSizeIterator<Item = &'a Array2<f32>> + Cl
         channel.assign(image);
     }
     all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sentences_name_fields_and_no_flags() {
+        for (sentence, expected) in [
+            ("found none; check --dark", "found none; check \"Dark level\""),
+            ("dark level of 3; --dark sets another", "dark level of 3; \"Dark level\" sets another"),
+            ("found 1 x 1 px; change --bin", "found 1 x 1 px; change \"Average squares\""),
+        ] {
+            assert_eq!(with_field_names(sentence), expected);
+        }
+    }
 }
