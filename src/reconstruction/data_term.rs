@@ -1,9 +1,10 @@
 //! The data term of decoders without a prior: light above the background, and the noise variance that weights it.
 
-use ndarray::ArrayView2;
+use ndarray::{ArrayView2, Axis};
 
 use super::error::ReconstructionError;
 use super::model::ImagingModel;
+use crate::sensor::Convolution;
 
 /// Pixels to each side that the variance of a pixel is estimated from.
 const SURROUNDINGS_PX: usize = 2;
@@ -56,6 +57,26 @@ impl DataTerm {
         let variances = self.weights.iter().filter(|&&weight| weight > 0.0).map(|&weight| 1.0 / f64::from(weight));
         self.pixels / variances.sum::<f64>()
     }
+}
+
+/// Root mean square of what a measurement has more or less than the image of an object, in units of the noise of each pixel. It is 1 where
+/// nothing but noise is left. Pixels that are NaN were not measured.
+///
+/// # Errors
+/// [`ReconstructionError`] for images of other shapes than those of the model, for infinite pixels, and without light.
+pub fn residual_in_noise(
+    model: &ImagingModel,
+    object: ArrayView2<'_, f32>,
+    measurement: ArrayView2<'_, f32>,
+) -> Result<f64, ReconstructionError> {
+    model.check_measurements(&measurement.insert_axis(Axis(0)))?;
+    let data = DataTerm::new(model, measurement)?;
+    let psf = model.psf().insert_axis(Axis(0));
+    let convolver = Convolution::new(model.field(), model.psf().dim())?.with_psf(psf)?;
+    let image = convolver.measure(object.insert_axis(Axis(0)).insert_axis(Axis(0)), 0.0)?;
+    let pixels = data.light.iter().zip(&image).zip(&data.weights);
+    let squares = pixels.map(|((light, image), weight)| f64::from(weight * (light - image).powi(2)));
+    Ok((squares.sum::<f64>() / data.pixels.max(1.0)).sqrt())
 }
 
 /// Mean of the measured pixels of the surroundings of every pixel; 0 where there is none.

@@ -12,6 +12,7 @@ mod fourier;
 mod linear;
 mod model;
 mod network;
+mod notices;
 mod one_by_one;
 mod posterior_mean;
 mod protocol;
@@ -26,6 +27,7 @@ mod training_checkpoint;
 mod training_record;
 
 pub use capture::{Capture, CaptureChannel, CaptureError, CaptureFiles, DarkLevel};
+pub use data_term::residual_in_noise;
 pub use decoder::{Decoder, DecoderKind, DecoderNeeds, ObjectEstimates, PreparedDecoder, ReconstructionStep};
 pub use error::ReconstructionError;
 pub use linear::{Light, LinearMmse, Prior};

@@ -9,8 +9,9 @@ use crate::reconstruction::fourier::{Fourier, FourierBuffer};
 
 /// Pixels that one thread works on at least.
 const SHARE: usize = 1 << 15;
-/// Penalty of gradients and sign, relative to that of the crop.
-const OBJECT_PENALTY: f64 = 0.25;
+/// Penalties of sign and gradients, relative to that of the crop and to the root of the energy of the point spread function.
+const SIGN_PENALTY: f64 = 0.5;
+const GRADIENT_PENALTY: f64 = 0.08;
 
 /// The measurement in units of the mean object, and where it lies on the grid.
 pub(super) struct Target<'a> {
@@ -38,11 +39,12 @@ impl Penalties {
     /// Penalties for a typical data weight, and for a point spread function of this energy (sum of its squares).
     ///
     /// Pixels of large weight follow the measurement at once under any penalty, those of small weight only under a small one. So the
-    /// typical weight is that of the mean variance. The energy is the mean power of the mask over all frequencies, so gradients and sign
-    /// are as stiff as the crop in terms of the object.
+    /// typical weight is that of the mean variance. The mean power of the mask over all frequencies is its energy, and that of its lowest
+    /// frequency is 1. The penalty of the sign lies between both. As small as the energy, it would let the object of a wide mask stay
+    /// negative for thousands of iterations, and without its negative light such an object is far too bright.
     pub(super) fn of(level: f64, energy: f64) -> Self {
-        let of_object = (OBJECT_PENALTY * level * energy) as f32;
-        Self { crop: level as f32, gradients: of_object, sign: of_object }
+        let of_object = |penalty: f64| (penalty * level * energy.sqrt()) as f32;
+        Self { crop: level as f32, gradients: of_object(GRADIENT_PENALTY), sign: of_object(SIGN_PENALTY) }
     }
 }
 
