@@ -16,9 +16,9 @@ use crate::information::{
 use crate::objects::BeadPrior;
 use crate::progress::{CancelToken, Progress};
 
-/// Sweeps of the chains that the standard deviation is taken from where the mean is the decoder's. Independent probabilities would
-/// overstate it: a bead between two pixels counts at both.
-const SWEEPS_OF_DEVIATION: usize = 150;
+/// Chains that the standard deviation is taken from where the mean is the decoder's. Independent probabilities would overstate it: a bead
+/// between two pixels counts at both. Each of a few short chains may be sure of one explanation, so there are many.
+const CHAINS_OF_DEVIATION: PosteriorChains = PosteriorChains { chains: 8, annealing: 80, sampling: 20, seed: 1 };
 
 /// Posterior mean of beads.
 pub struct PosteriorMean {
@@ -165,11 +165,17 @@ impl PreparedDecoder for Prepared {
     ) -> Result<Option<Array2<f32>>, ReconstructionError> {
         self.check(&measurement.insert_axis(Axis(0)))?;
         let noisy: Vec<f32> = measurement.iter().copied().collect();
-        let chains = self.chains.unwrap_or(PosteriorChains::of_sweeps(SWEEPS_OF_DEVIATION, 1));
-        let found = self.by_chains(&[noisy], chains, &mut |_, _| {
+        let chains = self.chains.unwrap_or(CHAINS_OF_DEVIATION);
+        let mut found = self.by_chains(std::slice::from_ref(&noisy), chains, &mut |_, _| {
             if cancel.is_cancelled() { Err(ReconstructionError::Cancelled) } else { Ok(()) }
         })?;
-        let deviation = |value: f32| (f64::from(value).sqrt() * self.to_set_scale) as f32;
-        Ok(found.into_iter().next().map(|posterior| posterior.variance.mapv(deviation)))
+        let Some(posterior) = found.pop() else { return Ok(None) };
+        let mut squares = posterior.variance;
+        if self.chains.is_none() {
+            // The object is another estimate than the mean of these chains.
+            let distance = self.posterior.mean_of_decoder(&noisy) - posterior.mean;
+            squares += &distance.mapv(|value| value * value);
+        }
+        Ok(Some(squares.mapv(|square| (f64::from(square).sqrt() * self.to_set_scale) as f32)))
     }
 }
