@@ -124,3 +124,10 @@ fn fields_of_the_scene_stand_still_while_objects_are_computed() {
     settle(&mut window);
     assert_eq!(place(&window), before);
 }
+
+#[test]
+fn words_of_the_headline_stay_whole_in_a_small_window() {
+    let window = open_sized(Design::default(), Vec2::new(800.0, 600.0));
+    let units: Vec<f32> = window.query_all_by_label("bits per pixel").map(|node| node.rect().height()).collect();
+    assert!(!units.is_empty() && units.iter().all(|height| *height < 24.0), "one line: {units:?}");
+}

@@ -31,6 +31,7 @@ use crate::studio::state::request::Request;
 use crate::studio::state::transition::Transition;
 use crate::studio::state::window_layout::LayoutRequest;
 use crate::studio::widgets::clipboard::Clipboard;
+use crate::studio::widgets::colours::make_texts_readable;
 use crate::studio::widgets::format::file_name;
 use crate::studio::widgets::missing_glyphs;
 use crate::studio::widgets::number_field::take_rejections;
@@ -64,8 +65,7 @@ impl Studio {
         ctx.all_styles_mut(|style| {
             style.spacing.item_spacing = egui::vec2(6.0, 4.0);
             style.interaction.tooltip_delay = 0.4;
-            // The default of secondary text has too little contrast on white.
-            style.visuals.weak_text_alpha = 0.75;
+            make_texts_readable(&mut style.visuals);
         });
         ctx.options_mut(|options| options.input_options.max_click_dist = CLICK_REACH);
         let (repaint, pace) = (ctx.clone(), RepaintThrottle::default());

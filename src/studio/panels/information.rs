@@ -13,6 +13,8 @@ use crate::studio::widgets::controls::{name_widget, placeholder};
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::RunBounds;
 
+/// Minimal width beside the number of the headline, points: its longest word and "bits per pixel".
+const LEAST_BESIDE: f32 = 90.0;
 /// Minimal width of a value in the table, points.
 const LEAST_VALUE: f32 = 80.0;
 
@@ -126,11 +128,16 @@ fn headline(ui: &mut Ui, view: &View<'_>, summary: &BoundSummary<'_>, requests: 
     ui.horizontal(|ui| {
         // The space beside the button in the corner.
         let room = vec2((ui.available_width() - 34.0).max(80.0), 36.0);
-        ui.allocate_ui_with_layout(room, egui::Layout::left_to_right(egui::Align::Min).with_main_wrap(true), |ui| {
+        let extend = Some(egui::TextWrapMode::Extend);
+        let number = egui::WidgetText::from(text).into_galley(ui, extend, f32::INFINITY, egui::TextStyle::Body);
+        let is_beside = room.x - number.size().x - ui.spacing().item_spacing.x >= LEAST_BESIDE;
+        let direction = if is_beside { egui::Direction::LeftToRight } else { egui::Direction::TopDown };
+        let layout = egui::Layout::from_main_dir_and_cross_align(direction, egui::Align::Min);
+        ui.allocate_ui_with_layout(room, layout, |ui| {
             ui.set_min_width(room.x);
-            ui.label(text);
+            ui.label(number);
             ui.vertical(|ui| {
-                ui.add_space(4.0);
+                ui.add_space(if is_beside { 4.0 } else { 0.0 });
                 ui.label("bits per pixel");
                 ui.weak(name);
             });
