@@ -109,7 +109,7 @@ fn trained_network_is_used_at_once_stale_after_an_edit_and_current_after_its_und
     let network = shown(&mut window);
     assert!(is_current(&network) && network.object != linear.object);
     assert!(network.quality.unwrap().psnr_db() > linear.quality.unwrap().psnr_db() + 1.0);
-    assert!(shows(&window, "Network for this mask: "));
+    assert!(shows(&window, "Validation, this mask: "));
     click(&mut window, "Show training curves");
     window.get_by_label("Training loss");
     click(&mut window, "PSNR");
@@ -123,7 +123,7 @@ fn trained_network_is_used_at_once_stale_after_an_edit_and_current_after_its_und
     close(&mut window);
     window.get_by_label("A trained network is in no file. Save the design or export the weights.");
     click(&mut window, "Cancel");
-    assert!(shows(&window, "Network for this mask: "));
+    assert!(shows(&window, "Validation, this mask: "));
 }
 
 #[test]

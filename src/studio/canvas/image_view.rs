@@ -11,6 +11,10 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::Colormap;
 
+/// Width of the choice of colours, points: that of the longest name.
+const COLOURS: f32 = 92.0;
+/// Least width with a colour bar, points. The image alone fills less.
+const LEAST_WITH_BAR: f32 = 130.0;
 /// Limit of a texture's side, pixels.
 const LONGEST_TEXTURE: usize = 8192;
 
@@ -67,6 +71,8 @@ struct TextureKey {
 pub struct ImageView {
     /// Unique name, also that of its controls.
     name: &'static str,
+    /// What the values are of, at the end of the name where that matters.
+    detail: &'static str,
     /// Unit of the values.
     unit: &'static str,
     /// The colours.
@@ -114,6 +120,7 @@ impl ImageView {
     pub fn new(name: &'static str, unit: &'static str, colormap: Colormap) -> Self {
         Self {
             name,
+            detail: "",
             unit,
             colormap,
             viewport: Viewport::default(),
@@ -134,6 +141,16 @@ impl ImageView {
     /// Its name.
     pub fn name(&self) -> &'static str {
         self.name
+    }
+
+    /// Sets what the values are of, as in "of the linear estimate"; empty where the name says it.
+    pub fn set_detail(&mut self, detail: &'static str) {
+        self.detail = detail;
+    }
+
+    /// Its name and what the values are of.
+    pub fn title(&self) -> String {
+        if self.detail.is_empty() { self.name.to_owned() } else { format!("{} {}", self.name, self.detail) }
     }
 
     /// Display range (low, high) of an image, shape (rows, cols).
@@ -169,7 +186,7 @@ impl ImageView {
     pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &ColourPalettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
             .selected_text(self.colormap.to_string())
-            .width(76.0)
+            .width(COLOURS)
             .show_ui(ui, |ui| {
                 for map in Colormap::ALL {
                     ui.selectable_value(&mut self.colormap, map, map.to_string());
@@ -191,6 +208,9 @@ impl ImageView {
         popup.show(|ui| match &self.histogram {
             Some((_, histogram)) => {
                 let (name, unit) = (self.name, self.unit);
+                if !self.detail.is_empty() {
+                    ui.weak(self.title());
+                }
                 let colours = palettes.of(self.colormap);
                 let edited = display_range::EditedImage { name, unit, colours, histogram, limits: self.limits };
                 display_range::editor(ui, &edited, &mut self.levels, &mut self.logarithmic);
@@ -201,7 +221,7 @@ impl ImageView {
         });
     }
 
-    /// Shows the image, as large as fits, with its colour bar.
+    /// Shows the image, as large as fits, with its colour bar where there is room for one. Images of equal room begin at equal height.
     pub fn show(
         &mut self,
         ui: &mut Ui,
@@ -212,10 +232,12 @@ impl ImageView {
         let ImageContent { values: image, version, is_stale } = content;
         let (rows, cols) = image.dim();
         let room = ui.available_rect_before_wrap();
-        let space = vec2((room.width() - Self::BAR).max(16.0), room.height().max(16.0));
+        let has_bar = room.width() >= LEAST_WITH_BAR;
+        let bar = if has_bar { Self::BAR } else { 0.0 };
+        let space = vec2((room.width() - bar).max(16.0), room.height().max(16.0));
         let scale = (space.x / cols as f32).min(space.y / rows as f32);
         let extent = vec2(cols as f32, rows as f32) * scale;
-        let corner = room.min + vec2(((space.x - extent.x) / 2.0).max(0.0), ((space.y - extent.y) / 2.0).max(0.0));
+        let corner = room.min + vec2(((space.x - extent.x) / 2.0).max(0.0), 0.0);
         let fit = Rect::from_min_size(corner.round(), extent);
         // A zoomed image fills the space; rounding may make an unzoomed one larger by a point.
         let stage = Rect::from_min_size(room.min, space).union(fit).intersect(room);
@@ -234,7 +256,9 @@ impl ImageView {
             let part = |position: Pos2| ((position - placement.rect.min) / placement.rect.size()).to_pos2();
             painter.image(texture.id(), seen, Rect::from_min_max(part(seen.min), part(seen.max)), tint);
         }
-        self.colour_bar(ui, palettes, seen, room);
+        if has_bar {
+            self.colour_bar(ui, palettes, seen, room);
+        }
         let palette = palettes.of(self.colormap);
         let above = ui.painter_at(seen);
         if let Some(region) = self.region.filter(|region| region.shape != (rows, cols)) {
@@ -245,7 +269,7 @@ impl ImageView {
         if let Some(bar) = &bar {
             overlays::scale_bar(&above, seen, bar);
         }
-        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, self.name));
+        response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, self.title()));
         ui.ctx().accesskit_node_builder(response.id, |node| {
             let (x, y) = self.viewport.centre(image.dim());
             let zoom = self.viewport.zoom();
@@ -280,7 +304,12 @@ impl ImageView {
             return None;
         }
         let value = image.get((row as usize, col as usize))?;
-        Some(format!("{}  x {col} px, y {row} px: {} {}", self.name, format_significant(f64::from(*value)), self.unit))
+        Some(format!(
+            "{}  x {col} px, y {row} px: {} {}",
+            self.title(),
+            format_significant(f64::from(*value)),
+            self.unit
+        ))
     }
 
     /// Updates the display range, and the histogram while its editor is open.

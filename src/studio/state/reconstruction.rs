@@ -23,6 +23,8 @@ pub struct ReconstructionState {
     object: ImageView,
     error: ImageView,
     uncertainty: ImageView,
+    /// Height of what stood below the image in the last frame, points.
+    pub below: f32,
 }
 
 /// What is shown of a reconstruction.
@@ -47,6 +49,7 @@ impl Default for ReconstructionState {
             object: ImageView::new("Reconstruction", "photons", Colormap::Gray),
             error: ImageView::new("Reconstruction error", "photons", Colormap::Diverging),
             uncertainty: ImageView::new("Reconstruction uncertainty", "photons", Colormap::Viridis),
+            below: 0.0,
         }
     }
 }
@@ -100,6 +103,11 @@ impl ReconstructionState {
             (ShownQuantity::Uncertainty, Some(deviation)) => deviation.view(),
             _ => reconstruction.object.view(),
         }
+    }
+
+    /// Sets what the uncertainty is of, where that is not the reconstruction.
+    pub fn set_uncertainty_of(&mut self, what: Option<&'static str>) {
+        self.uncertainty.set_detail(what.unwrap_or_default());
     }
 
     /// Centres the display range of the error on 0, with this largest value.

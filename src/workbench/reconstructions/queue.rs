@@ -113,6 +113,18 @@ impl Reconstruction {
         self.network.as_ref().map_or(self.key.decoder, NetworkFit::decoder)
     }
 
+    /// What the standard deviation is of, where it is not computed with the shown object.
+    pub fn deviation_of(&self) -> Option<&'static str> {
+        match self.key.decoder {
+            DecoderKind::Network => {
+                let network = self.trained_network().filter(|network| !network.is_linear());
+                network.map(|_| "of the linear estimate")
+            }
+            DecoderKind::Posterior => Some("of Markov chains"),
+            _ => None,
+        }
+    }
+
     /// The trained network of the object, where one serves the design.
     pub fn trained_network(&self) -> Option<&Arc<TrainedNetwork>> {
         match &self.network {

@@ -25,7 +25,7 @@ pub fn show(
     requests: &mut Vec<Request>,
 ) {
     if let Some(fit) = shown.and_then(|shown| shown.network.as_ref()) {
-        let (sentence, hint) = sentence(fit);
+        let (sentence, hint) = sentence(fit, form.curves);
         let text = RichText::new(sentence).size(TEXT);
         let is_stale = matches!(fit, NetworkFit::OtherMask | NetworkFit::OtherScene);
         let label = match (is_current, is_stale) {
@@ -64,36 +64,40 @@ pub fn switch(ui: &mut Ui, form: &mut TrainingForm, shown: Option<&Reconstructio
     name_widget(&checkbox, "Show training curves");
 }
 
-/// What is used, in a sentence of one line, and more about it.
-fn sentence(fit: &NetworkFit) -> (String, String) {
+/// What is used, in a sentence of one line, and more about it; with `curves` no image is shown.
+fn sentence(fit: &NetworkFit, curves: bool) -> (String, String) {
+    let state = |state: &str, shown: &str| if curves { state.to_owned() } else { format!("{state}: {shown}") };
     match fit {
         NetworkFit::Missing => (
-            "Not trained yet: the linear estimate is shown".into(),
+            state("Not trained yet", "the linear estimate is shown"),
             "There is no network for this design. Train one, or open weights".into(),
         ),
         NetworkFit::OtherMask => (
-            "Stale, of another mask: linear estimate shown".into(),
+            state("Stale, of another mask", "linear estimate shown"),
             "The network was trained for another mask. Undo, or train one for this mask".into(),
         ),
         NetworkFit::OtherScene => (
-            "Stale, of another scene: linear estimate shown".into(),
+            state("Stale, of another scene", "linear estimate shown"),
             "The network was trained for other objects, another light or noise".into(),
         ),
         NetworkFit::Current(network) if network.is_linear() => {
-            ("No weights were better: linear estimate shown".into(), network.summary())
+            (state("No weights were better", "linear estimate shown"), network.summary())
         }
-        NetworkFit::Current(network) => (format!("Network for {}", quality(network)), network.summary()),
+        NetworkFit::Current(network) => (
+            quality(network),
+            format!("{}\nPSNR of validation: of training images that were held out", network.summary()),
+        ),
     }
 }
 
-/// Masks and quality of a network.
+/// Masks and quality of a network on the validation images.
 fn quality(network: &TrainedNetwork) -> String {
     let mask = match network.training.mask {
         NetworkMask::One { .. } => "this mask",
         NetworkMask::Any { .. } => "any mask",
     };
     let (psnr_db, linear_psnr_db) = (network.training.psnr_db, network.linear_psnr_db);
-    format!("{mask}: {psnr_db:.2} dB, linear {linear_psnr_db:.2} dB")
+    format!("Validation, {mask}: {psnr_db:.2} dB, linear {linear_psnr_db:.2} dB")
 }
 
 /// The form of a new training.

@@ -88,6 +88,11 @@ impl<'a> Curves<'a> {
     }
 
     fn loss(&self, ui: &mut Ui, height: f32) {
+        if self.losses.is_empty() {
+            let text = if self.validations.is_empty() { "No step yet" } else { "Weights of a file have no losses" };
+            empty(ui, "Training loss", text, height);
+            return;
+        }
         let points = |value: fn(&LossPoint) -> f64| -> PlotPoints<'static> {
             self.losses.iter().map(|point| [point.steps as f64, value(point)]).collect()
         };
@@ -99,6 +104,10 @@ impl<'a> Curves<'a> {
     }
 
     fn psnr(&self, ui: &mut Ui, height: f32) {
+        if self.validations.is_empty() {
+            empty(ui, "Validation PSNR", "No validation yet: one comes every 100 steps", height);
+            return;
+        }
         let points: Vec<[f64; 2]> = self.validations.iter().map(|point| [point.steps as f64, point.psnr_db]).collect();
         let mut plot = self.plot("Validation PSNR", "validation PSNR, dB", height);
         if let Some(linear) = self.linear_psnr_db {
@@ -130,6 +139,17 @@ impl<'a> Curves<'a> {
             .x_axis_label("steps")
             .y_axis_label(axis)
     }
+}
+
+/// Sentence in place of a plot without points.
+fn empty(ui: &mut Ui, name: &str, text: &str, height: f32) {
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), height), Sense::hover());
+    let (font, colour) = (egui::FontId::proportional(TEXT), ui.visuals().weak_text_color());
+    let galley = ui.painter().layout(text.to_owned(), font, colour, rect.width());
+    let corner = rect.center() - 0.5 * galley.size();
+    ui.painter().galley(corner, galley, colour);
+    response.widget_info(|| egui::WidgetInfo::labeled(egui::Role::Image, true, name));
+    response.ctx.accesskit_node_builder(response.id, |node| node.set_value(text));
 }
 
 /// Distance of the marks between two bounds: 1, 2 or 5 times a power of ten.
