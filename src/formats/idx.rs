@@ -1,14 +1,17 @@
 //! IDX image files, plain or gzipped (LeCun, Cortes and Burges, the MNIST database).
 
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek};
 use std::path::Path;
 
+use flate2::bufread::GzDecoder;
 use flate2::read::MultiGzDecoder;
 
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, magic, open, read_values};
 use super::kind::named_for_what_it_is;
 use super::npy_header::element_count;
+use super::samples::Narrowing;
 use super::{FormatError, ImageFile, PixelStack, Samples};
+use crate::plural::counted;
 
 const ADVICE: &str = "use an image file such as train-images-idx3-ubyte.gz";
 /// Expected content, for error sentences.
@@ -66,11 +69,13 @@ fn read(
     reader.read_exact(&mut start[4..]).map_err(|error| FormatError::from_read(path, error))?;
     let axis = |index: usize| u32::from_be_bytes([0, 1, 2, 3].map(|byte| start[4 * index + byte])) as usize;
     let (pages, rows, cols) = (axis(1), axis(2), axis(3));
-    let width = match kind {
-        0x08 | 0x09 => 1,
-        0x0B => 2,
-        0x0C | 0x0D => 4,
-        0x0E => 8,
+    let (width, numbers) = match kind {
+        0x08 => (1, "8 bits"),
+        0x09 => (1, "8 bits with sign"),
+        0x0B => (2, "16 bits with sign"),
+        0x0C => (4, "32 bits with sign"),
+        0x0D => (4, "32-bit floats"),
+        0x0E => (8, "64-bit floats"),
         _ => return Err(malformed("an IDX number type (08, 09, 0b, 0c, 0d, 0e)", format!("{kind:02x}"))),
     };
     let Some(count) = element_count(&[pages, rows, cols], width) else {
@@ -83,6 +88,7 @@ fn read(
             format!("{pages} images of {rows} x {cols} px in too few bytes"),
         ));
     }
+    let narrowing = Narrowing::default();
     let samples = match kind {
         0x08 => read_values(reader, count, 1, length_is_certain, |bytes| bytes[0]).map(Samples::U8),
         0x09 => read_values(reader, count, 1, length_is_certain, |bytes| f32::from(bytes[0].cast_signed()))
@@ -99,17 +105,39 @@ fn read(
         _ => read_values(reader, count, 8, length_is_certain, |bytes| {
             let mut value = [0; 8];
             value.copy_from_slice(bytes);
-            f64::from_be_bytes(value) as f32
+            narrowing.of(f64::from_be_bytes(value))
         })
         .map(Samples::F32),
     }
     .map_err(|error| FormatError::from_read(path, error))?;
+    narrowing.check(path)?;
     // Reading one more byte detects a longer file, and makes a gzip reader compare its checksum.
     match reader.read(&mut [0]) {
-        Ok(0) => PixelStack::interleaved(source, [pages, rows, cols], samples, 1),
+        Ok(0) => {
+            let mut stack = PixelStack::interleaved(source, [pages, rows, cols], samples, 1)?;
+            stack.understood.numbers = Some(numbers.into());
+            Ok(stack)
+        }
         Ok(_) => Err(malformed("a file as long as its header says", format!("more than {} bytes", bytes + 16))),
-        Err(error) => Err(FormatError::from_read(path, error)),
+        Err(error) => Err(match bytes_behind_gzip(path, bytes + 16) {
+            Some(behind) => {
+                let (expected, found) = ("a gzip file that ends with its images", counted(behind, "byte") + " behind");
+                FormatError::malformed(path, expected, found, "copy or download it again")
+            }
+            None => FormatError::from_read(path, error),
+        }),
     }
+}
+
+/// Bytes behind the end of a gzip file of `unpacked` bytes; `None` where there are none, or its own end is missing.
+fn bytes_behind_gzip(path: &Path, unpacked: u64) -> Option<u64> {
+    let (file, length) = open(path).ok()?;
+    let mut packed = GzDecoder::new(BufReader::new(file));
+    std::io::copy(&mut packed.by_ref().take(unpacked), &mut std::io::sink()).ok()?;
+    // One more read finds the end and compares the checksum.
+    packed.read(&mut [0]).ok().filter(|&more| more == 0)?;
+    let mut reader = packed.into_inner();
+    length.checked_sub(reader.stream_position().ok()?).filter(|&behind| behind > 0)
 }
 
 fn four(bytes: &[u8]) -> [u8; 4] {
@@ -149,15 +177,16 @@ mod tests {
 
     #[test]
     fn the_other_number_types_are_big_endian() {
-        for (kind, data) in [
-            (0x09, (-3_i8).to_be_bytes().to_vec()),
-            (0x0B, (-3_i16).to_be_bytes().to_vec()),
-            (0x0C, (-3_i32).to_be_bytes().to_vec()),
-            (0x0D, (-3.0_f32).to_be_bytes().to_vec()),
-            (0x0E, (-3.0_f64).to_be_bytes().to_vec()),
+        for (kind, data, numbers) in [
+            (0x09, (-3_i8).to_be_bytes().to_vec(), "8 bits with sign"),
+            (0x0B, (-3_i16).to_be_bytes().to_vec(), "16 bits with sign"),
+            (0x0C, (-3_i32).to_be_bytes().to_vec(), "32 bits with sign"),
+            (0x0D, (-3.0_f32).to_be_bytes().to_vec(), "32-bit floats"),
+            (0x0E, (-3.0_f64).to_be_bytes().to_vec(), "64-bit floats"),
         ] {
             let image = read_idx(saved(&[header(kind, 1, 1, 1), data].concat()).path()).unwrap();
             assert_eq!(image.samples, Samples::F32(vec![-3.0]), "{kind:02x}");
+            assert_eq!(image.understood.numbers.as_deref(), Some(numbers), "{kind:02x}");
         }
     }
 
@@ -179,6 +208,14 @@ mod tests {
             assert!(error.contains(expected), "{error}");
         }
         let mut packed = gzip(&[header(8, 1, 2, 2), vec![1, 2, 3, 4]].concat());
+        for (bytes, expected) in [
+            ([&packed[..], b"x"].concat(), "found 1 byte behind"),
+            ([&packed[..], b"more than a header of gzip"].concat(), "found 26 bytes behind"),
+            (packed[..packed.len() - 3].to_vec(), "cut short"),
+        ] {
+            let error = read_idx(saved(&bytes).path()).unwrap_err().to_string();
+            assert!(error.contains(expected), "{error}");
+        }
         let check_sum = packed.len() - 8;
         packed[check_sum] ^= 1;
         assert!(read_idx(saved(&packed).path()).is_err());

@@ -8,21 +8,26 @@ use ndarray::{ArrayD, ArrayView, Dimension, IxDyn, ShapeBuilder};
 
 use super::atomic_write::{CompleteFile, SafeFile};
 use super::bytes::{open, read_values};
-use super::npy_header::{ADVICE, Element, Mismatch, NpyHeader, element_count, header_of_f32};
+use super::npy_header::{ADVICE, Element, MAGIC, Mismatch, NpyHeader, element_count, header_of_f32};
 use super::raw_array::RawArray;
+use super::samples::Narrowing;
 use super::{FormatError, Samples, Understood};
+use crate::plural::counted;
 
 /// Reads an array file as `f32`: NPY 1 to 3; booleans, 8- to 64-bit integers, 32- and 64-bit floats; either byte order; C
 /// or Fortran order. NaN and infinities stay.
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing, is not NPY, is truncated or holds another number type.
+/// [`FormatError`] if the file is missing, is not NPY, is truncated, holds another number type, or goes on behind the
+/// array.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>, FormatError> {
     let (file, length) = open(path)?;
     let mut reader = BufReader::new(file);
     let header = header(path, &mut reader, length)?;
     let values = values(&header, &mut reader, true, |value| value as f32);
-    arrange(path, &header, values)
+    let array = arrange(path, &header, values)?;
+    check_end(path, &header, &mut reader)?;
+    Ok(array)
 }
 
 /// Reads an array file in the number type of the file.
@@ -50,12 +55,31 @@ pub(super) fn raw(
             Samples::U16(row_major(path, &header, values)?)
         }
         _ => {
-            let values = values(&header, reader, length_is_certain, |value| value as f32);
+            let narrowing = Narrowing::default();
+            let values = values(&header, reader, length_is_certain, |value| narrowing.of(value));
+            narrowing.check(path)?;
             Samples::F32(row_major(path, &header, values)?)
         }
     };
+    check_end(path, &header, reader)?;
     let numbers = header.element.for_people().map(Into::into);
     Ok(RawArray { shape: header.shape, samples, understood: Understood { numbers, ..Understood::default() } })
+}
+
+/// Refuses bytes behind the last element. They would be lost in silence, and may be further arrays.
+pub(super) fn check_end(path: &Path, header: &NpyHeader, reader: &mut dyn Read) -> Result<(), FormatError> {
+    if header.bytes_behind == 0 {
+        return Ok(());
+    }
+    let mut next = Vec::new();
+    let failed = |error| FormatError::from_read(path, error);
+    reader.take(MAGIC.len() as u64).read_to_end(&mut next).map_err(failed)?;
+    let (found, advice) = if next == MAGIC {
+        ("another array behind it".to_owned(), "save all as one array, numpy.stack, or each to a file of its own")
+    } else {
+        (format!("{} behind it", counted(header.bytes_behind, "byte")), ADVICE)
+    };
+    Err(FormatError::malformed(path, "a file that ends with its array", found, advice))
 }
 
 /// Reads a header at the start of `available` bytes.
@@ -264,6 +288,33 @@ mod tests {
             let error = read_array(file(descr, "False", "(1,)", &[0; 32], 1).path()).unwrap_err().to_string();
             assert!(error.contains(found) && error.contains(advice), "{error}");
         }
+    }
+
+    #[test]
+    fn what_lies_behind_an_array_is_not_lost_in_silence() {
+        let bytes = std::fs::read(file("|u1", "False", "(2,)", &[1, 2], 1).path()).unwrap();
+        let both = tempfile::NamedTempFile::new().unwrap();
+        for (behind, expected) in [
+            (&bytes[..], "found another array behind it; save all as one array, numpy.stack, or each to a file"),
+            (&[0], "found 1 byte behind it; write the array again"),
+        ] {
+            std::fs::write(both.path(), [&bytes, behind].concat()).unwrap();
+            for error in [read_raw(both.path()).err().unwrap(), read_array(both.path()).unwrap_err()] {
+                assert!(error.to_string().contains(expected), "{error}");
+            }
+        }
+    }
+
+    #[test]
+    fn doubles_beyond_single_precision_are_called_by_their_value() {
+        let read = |numbers: [f64; 2]| {
+            let data = numbers.map(f64::to_le_bytes).concat();
+            read_raw(file("<f8", "False", "(2,)", &data, 1).path()).map(|array| array.samples)
+        };
+        let error = read([1.0, -1e303]).unwrap_err().to_string();
+        assert!(error.contains("found -1e303; divide all values by a constant"), "{error}");
+        let samples = read([f64::INFINITY, f64::from(f32::MAX)]).unwrap();
+        assert_eq!(samples, Samples::F32(vec![f32::INFINITY, f32::MAX]));
     }
 
     #[test]

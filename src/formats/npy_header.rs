@@ -9,7 +9,7 @@ pub(super) const ADVICE: &str = "write the array again with numpy.save";
 
 /// Longest accepted header text, bytes. NumPy pads its headers to 64 or 128.
 const LONGEST_HEADER_BYTES: u64 = 64 * 1024;
-const MAGIC: &[u8] = b"\x93NUMPY";
+pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
 /// NumPy's own limit on the number of axes.
 const MOST_AXES: usize = 64;
 
@@ -131,6 +131,8 @@ pub(super) struct NpyHeader {
     pub(super) shape: Vec<usize>,
     /// Number of elements, the product of `shape`.
     pub(super) count: usize,
+    /// Bytes behind the last element.
+    pub(super) bytes_behind: u64,
 }
 
 /// Product of the axes, where memory can address an array of them. As in `ndarray`, this holds also without its empty
@@ -199,12 +201,13 @@ impl NpyHeader {
         }
         let mut text = vec![0; length as usize];
         reader.read_exact(&mut text).map_err(cut)?;
-        let header = Self::parse(&text)?;
+        let mut header = Self::parse(&text)?;
         let bytes = header.count as u64 * header.element.width() as u64;
         let left = available - before - length;
         if bytes > left {
             return Err(mismatch(format!("{bytes} bytes for shape {:?}", header.shape), format!("{left} bytes")));
         }
+        header.bytes_behind = left - bytes;
         Ok(header)
     }
 
@@ -247,7 +250,7 @@ impl NpyHeader {
         let element = Element::from_descr(&descr[1..]).ok_or_else(unknown)?;
         let too_large = || mismatch("an array that fits into memory", format!("shape {shape:?}"));
         let count = element_count(&shape, element.width()).ok_or_else(too_large)?;
-        Ok(Self { element, big_endian, fortran_order, shape, count })
+        Ok(Self { element, big_endian, fortran_order, shape, count, bytes_behind: 0 })
     }
 
     /// Element of these bytes in the byte order of the file.

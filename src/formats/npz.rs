@@ -5,13 +5,13 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 
 use ndarray::ArrayD;
-use zip::ZipArchive;
 use zip::read::ZipFile;
 use zip::result::ZipError;
+use zip::{CompressionMethod, ZipArchive};
 
 use super::FormatError;
 use super::bytes::{DEFLATE_RATIO, LARGEST_UNPACKED_BYTES, open};
-use super::npy::{arrange, header, raw, values};
+use super::npy::{arrange, check_end, header, raw, values};
 use super::npy_header::NpyHeader;
 use super::raw_array::RawArray;
 
@@ -25,18 +25,25 @@ const LISTED_NAMES: usize = 12;
 /// [`FormatError`] if the archive is missing or damaged, or has no array of that name. If `name` is `None` and there are
 /// several arrays, the error lists their names.
 pub fn read_npz(path: &Path, name: Option<&str>) -> Result<ArrayD<f32>, FormatError> {
-    with_array(path, name, |entry, length| {
-        let header = header(path, entry, length)?;
-        arrange(path, &header, values(&header, entry, false, |value| value as f32))
-    })
+    with_array(path, name, |entry, length| whole(path, entry, length, |value| value as f32))
 }
 
 /// [`read_npz`] without rounding to `f32`, for reference values.
 pub fn read_npz_f64(path: &Path, name: Option<&str>) -> Result<ArrayD<f64>, FormatError> {
-    with_array(path, name, |entry, length| {
-        let header = header(path, entry, length)?;
-        arrange(path, &header, values(&header, entry, false, |value| value))
-    })
+    with_array(path, name, |entry, length| whole(path, entry, length, |value| value))
+}
+
+/// An array that fills its entry of `length` bytes.
+fn whole<T: Clone>(
+    path: &Path,
+    entry: &mut dyn Read,
+    length: u64,
+    convert: impl Fn(f64) -> T,
+) -> Result<ArrayD<T>, FormatError> {
+    let header = header(path, entry, length)?;
+    let array = arrange(path, &header, values(&header, entry, false, convert))?;
+    check_end(path, &header, entry)?;
+    Ok(array)
 }
 
 /// An array of an archive in the number type of the file: the named one, or the only one that can be an image.
@@ -144,6 +151,12 @@ fn with_array<T>(
 }
 
 fn claimed_length(path: &Path, entry: &ZipFile<'_, BufReader<File>>) -> Result<u64, FormatError> {
+    let method = entry.compression();
+    if !matches!(method, CompressionMethod::STORE | CompressionMethod::DEFLATE) {
+        let found = format!("one packed by {method}");
+        let advice = "write the archive again with numpy.savez_compressed";
+        return Err(FormatError::malformed(path, "an array that is stored or packed by Deflate", found, advice));
+    }
     let (packed, unpacked) = (entry.compressed_size(), entry.size());
     let most = packed.saturating_mul(DEFLATE_RATIO).min(LARGEST_UNPACKED_BYTES);
     if unpacked > most {
@@ -211,6 +224,27 @@ mod tests {
             assert!(error.contains("objects/a, psf; save the array alone"), "{error}");
             let error = read_npz(two.path(), Some("other")).unwrap_err().to_string();
             assert!(error.contains("objects/a, psf; name one of the arrays"), "{error}");
+        }
+    }
+
+    #[test]
+    fn other_compressions_are_called_by_their_name() {
+        let two = archive(&[("a", &[1.0]), ("b", &[2.0])], CompressionMethod::Stored);
+        let stored = std::fs::read(two.path()).unwrap();
+        for (method, name) in [(12, "Bzip2"), (14, "Lzma")] {
+            // The method stands 8 bytes behind the start of an entry, and 10 behind that of its listing.
+            let mut bytes = stored.clone();
+            for at in 0..bytes.len() - 4 {
+                match &stored[at..at + 4] {
+                    b"PK\x03\x04" => bytes[at + 8] = method,
+                    b"PK\x01\x02" => bytes[at + 10] = method,
+                    _ => {}
+                }
+            }
+            std::fs::write(two.path(), bytes).unwrap();
+            for error in [read_npz(two.path(), Some("a")).unwrap_err(), read_raw(two.path(), None).err().unwrap()] {
+                assert!(error.to_string().contains(&format!("found one packed by {name}; write")), "{error}");
+            }
         }
     }
 

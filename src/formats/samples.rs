@@ -1,5 +1,8 @@
 //! Grey pixels in the number type of their file.
 
+use std::cell::Cell;
+use std::path::Path;
+
 use ndarray::{Array2, Array3, ArrayView, IxDyn};
 
 use super::{Channel, FormatError, ImageFile, Understood};
@@ -177,6 +180,30 @@ impl Samples {
             return Self::F32(self.colours(channels).map(luma).collect());
         }
         self.channel(0, channels)
+    }
+}
+
+/// Rounding of doubles to single precision, which finds finite values beyond its range.
+#[derive(Default)]
+pub(super) struct Narrowing {
+    beyond: Cell<Option<f64>>,
+}
+
+impl Narrowing {
+    /// The value in single precision.
+    pub(super) fn of(&self, value: f64) -> f32 {
+        let narrow = value as f32;
+        if narrow.is_infinite() && value.is_finite() {
+            self.beyond.set(self.beyond.get().or(Some(value)));
+        }
+        narrow
+    }
+
+    /// Refuses a file with a finite value beyond single precision.
+    pub(super) fn check(&self, path: &Path) -> Result<(), FormatError> {
+        let Some(value) = self.beyond.get() else { return Ok(()) };
+        let expected = format!("values within single precision, at most {:e}", f32::MAX);
+        Err(FormatError::malformed(path, expected, format!("{value:e}"), "divide all values by a constant"))
     }
 }
 
