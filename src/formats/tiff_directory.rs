@@ -7,6 +7,13 @@ use std::io::{self, Read, Seek, SeekFrom};
 const MOST_PAGES: usize = 1 << 20;
 /// Longest tag value read, bytes. Colour tables of 16 bits take 393,216.
 const LONGEST_VALUE_BYTES: u64 = 1 << 20;
+/// Compression by LZW (tag 259).
+const LZW: u64 = 5;
+/// Bytes that the decoder reads beyond the end of an LZW stream.
+///
+/// It holds back the codes of up to eight bytes. Where a row of a tile ends between them and no byte follows, it takes
+/// the stream for cut short (weezl 0.1.12, `decode.rs`).
+const LZW_MARGIN_BYTES: u64 = 8;
 
 /// Photometric interpretations (tag 262).
 pub(super) mod photometric {
@@ -15,6 +22,14 @@ pub(super) mod photometric {
     pub(in crate::formats) const PALETTE: u64 = 3;
     pub(in crate::formats) const FILTER_ARRAY: u64 = 32_803;
     pub(in crate::formats) const LINEAR_RAW: u64 = 34_892;
+}
+
+/// The numbers of a tag: where they lie in the file, and the bytes of one and of all.
+#[derive(Clone, Copy, Debug, Default)]
+struct Numbers {
+    place: u64,
+    width: u64,
+    bytes: u64,
 }
 
 /// One page.
@@ -31,10 +46,22 @@ pub(super) struct PageTags {
     pub(super) orientation: u64,
     pub(super) samples_per_pixel: u64,
     pub(super) sample_format: u64,
+    /// Order of the bits of a byte: 2 where the lowest bit is the first.
+    pub(super) fill_order: u64,
+    /// Layers of a page or tile that is a volume.
+    pub(super) layers: u64,
+    pub(super) rows: u64,
+    /// Rows of a tile; 0 for strips.
+    pub(super) tile_rows: u64,
+    /// Each channel in a plane of its own.
+    pub(super) is_planar: bool,
     /// Red, green and blue of the colour table, one after the other, 16 bits each.
     pub(super) palette: Vec<u16>,
     /// Offset of the lowest byte of the photometric interpretation.
     photometric_byte: Option<u64>,
+    /// Offsets of its strips or tiles, and their packed bytes.
+    chunk_offsets: Option<Numbers>,
+    chunk_bytes: Option<Numbers>,
 }
 
 /// The directories of a file.
@@ -101,8 +128,10 @@ impl Directories {
             self.places.push(place);
         }
         let first = |reader: &mut _| self.number_at(reader, place, width);
+        let numbers = Numbers { place, width, bytes };
         match tag {
             254 => page.is_reduced = first(reader)? & 1 == 1,
+            257 => page.rows = first(reader)?,
             258 => page.bits = first(reader)?,
             259 => page.compression = first(reader)?,
             262 => {
@@ -113,14 +142,22 @@ impl Directories {
                 let text = bytes_at(reader, place, bytes)?;
                 String::from_utf8_lossy(&text).trim_end_matches('\0').clone_into(&mut page.description);
             }
-            273 | 324 => page.offset = first(reader)?,
+            266 => page.fill_order = first(reader)?,
+            273 | 324 => {
+                page.offset = first(reader)?;
+                page.chunk_offsets = Some(numbers);
+            }
             274 => page.orientation = first(reader)?,
             277 => page.samples_per_pixel = first(reader)?,
+            279 | 325 => page.chunk_bytes = Some(numbers),
+            284 => page.is_planar = first(reader)? == 2,
             320 => {
                 let table = bytes_at(reader, place, bytes)?;
                 page.palette = table.chunks_exact(2).map(|pair| self.number(pair) as u16).collect();
             }
+            323 => page.tile_rows = first(reader)?,
             339 => page.sample_format = first(reader)?,
+            32_997 | 32_998 => page.layers = page.layers.max(first(reader)?),
             _ => {}
         }
         Ok(())
@@ -130,6 +167,11 @@ impl Directories {
     fn number(&self, bytes: &[u8]) -> u64 {
         let append = |number: u64, byte: &u8| number << 8 | u64::from(*byte);
         if self.big_endian { bytes.iter().fold(0, append) } else { bytes.iter().rev().fold(0, append) }
+    }
+
+    fn all_numbers(&self, reader: &mut (impl Read + Seek), numbers: Numbers) -> io::Result<Vec<u64>> {
+        let bytes = bytes_at(reader, numbers.place, numbers.bytes)?;
+        Ok(bytes.chunks_exact(numbers.width as usize).map(|number| self.number(number)).collect())
     }
 
     fn number_at(&self, reader: &mut (impl Read + Seek), at: u64, width: u64) -> io::Result<u64> {
@@ -196,61 +238,91 @@ impl PageTags {
 /// Name of an unsupported compression (tag 259).
 pub(super) fn unread_compression(number: u64) -> Option<String> {
     let name = match number {
-        0 | 1 | 4 | 5 | 7 | 8 | 32_773 | 32_946 => return None,
+        0 | 1 | 4 | LZW | 7 | 8 | 32_773 | 32_946 => return None,
         2 => "CCITT run lengths",
         3 => "CCITT fax group 3",
         6 => "old JPEG",
         9 | 10 | 34_661 => "JBIG",
         32_766 => "NeXT",
+        32_767 => "Sony ARW",
         32_771 => "CCITT run lengths, word-aligned",
         32_809 => "ThunderScan",
-        33_003 | 33_005 | 34_712 => "JPEG 2000",
+        33_003..=33_005 | 34_712 => "JPEG 2000",
         34_676 | 34_677 => "SGI LogLuv",
         34_713 => "Nikon NEF",
-        34_718 => "MDI",
+        34_715 => "JBIG2",
+        34_718..=34_720 => "MDI",
         34_887 => "LERC",
         34_892 => "lossy JPEG of DNG",
         34_925 => "LZMA",
-        34_933 | 34_934 => "PNG",
-        22_610 | 48_124 => "JPEG XR",
-        50_000 => "Zstandard",
-        50_001 => "WebP",
+        34_926 | 50_000 => "Zstandard",
+        34_927 | 50_001 => "WebP",
+        34_933 => "PNG",
+        22_610 | 34_934 => "JPEG XR",
+        48_124 => "Jetraw",
         50_002 | 52_546 => "JPEG XL",
         other => return Some(format!("compression of number {other}")),
     };
     Some(format!("{name} compression"))
 }
 
-/// A file whose pages all give their stored values. White-is-zero and colour tables are read as black-is-zero.
+/// A file whose pages all give their stored values. White-is-zero and colour tables are read as black-is-zero, and LZW
+/// streams with the margin that the decoder needs.
 pub(super) struct StoredValues<R> {
     inner: R,
     position: u64,
-    /// Offsets of the lowest bytes of photometric interpretations that are read as 1, sorted. The bytes above belong to
-    /// numbers below 256.
+    /// Offsets of the bytes that are read as others, sorted.
     changed: Vec<(u64, u8)>,
+    /// Length of the file with the margin of an LZW stream at its end, of zeros.
+    end: u64,
 }
 
 impl<R: Read + Seek> StoredValues<R> {
     pub(super) fn new(mut inner: R, directories: &Directories) -> io::Result<Self> {
-        inner.seek(SeekFrom::Start(0))?;
+        let length = inner.seek(SeekFrom::End(0))?;
+        let (mut changed, mut end) = (Vec::new(), length);
         let black = photometric::BLACK_IS_ZERO as u8;
-        let mut changed = Vec::new();
         for page in directories.pages.iter().filter(|page| page.is_stored()) {
             let Some(place) = page.photometric_byte else { continue };
+            // The bytes above the lowest belong to numbers below 256.
             changed.push((place, black));
             // Interpretations above 255 have a second byte.
             if page.photometric.is_some_and(|number| number > 255) {
                 changed.push((if directories.big_endian { place.saturating_sub(1) } else { place + 1 }, 0));
             }
         }
+        for page in directories.pages.iter().filter(|page| page.compression == LZW) {
+            let (Some(offsets), Some(bytes)) = (page.chunk_offsets, page.chunk_bytes) else { continue };
+            // The decoder reports damage.
+            let Ok(starts) = directories.all_numbers(&mut inner, offsets) else { continue };
+            let Ok(counts) = directories.all_numbers(&mut inner, bytes) else { continue };
+            for (index, (start, count)) in (0..).zip(starts.into_iter().zip(counts)) {
+                let longer = count.saturating_add(LZW_MARGIN_BYTES);
+                let is_whole = start.checked_add(count).is_some_and(|stop| stop <= length);
+                if !is_whole || (bytes.width < 8 && longer >> (8 * bytes.width) > 0) {
+                    continue;
+                }
+                end = end.max(start + longer);
+                let place = bytes.place + index * bytes.width;
+                changed.extend((0..bytes.width).map(|byte| {
+                    let shift = if directories.big_endian { bytes.width - 1 - byte } else { byte };
+                    (place + byte, (longer >> (8 * shift)) as u8)
+                }));
+            }
+        }
         changed.sort_unstable();
-        Ok(Self { inner, position: 0, changed })
+        inner.seek(SeekFrom::Start(0))?;
+        Ok(Self { inner, position: 0, changed, end })
     }
 }
 
 impl<R: Read> Read for StoredValues<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let length = self.inner.read(buffer)?;
+        let mut length = self.inner.read(buffer)?;
+        if length == 0 {
+            length = self.end.saturating_sub(self.position).min(buffer.len() as u64) as usize;
+            buffer[..length].fill(0);
+        }
         let (from, to) = (self.position, self.position + length as u64);
         let first = self.changed.partition_point(|&(place, _)| place < from);
         for &(place, byte) in self.changed[first..].iter().take_while(|&&(place, _)| place < to) {
@@ -263,6 +335,11 @@ impl<R: Read> Read for StoredValues<R> {
 
 impl<R: Seek> Seek for StoredValues<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        // In the margin the file itself stays at its end.
+        let to = match to {
+            SeekFrom::Current(by) => SeekFrom::Start(self.position.saturating_add_signed(by)),
+            to => to,
+        };
         self.position = self.inner.seek(to)?;
         Ok(self.position)
     }

@@ -10,6 +10,7 @@ use tiff::{ColorType, TiffError};
 
 use super::bytes::{open, read_values};
 use super::raster::{LARGEST_IMAGE_BYTES, LONGEST_SIDE_PX, most_unpacked_bytes};
+use super::samples::Narrowing;
 use super::tiff_directory::{Directories, PageTags, StoredValues, photometric, unread_compression};
 use super::{Channel, FormatError, ImageFile, PixelStack, Samples};
 use crate::plural::{counted, one_or_many};
@@ -49,9 +50,8 @@ pub(super) fn read_equal_pages(source: &ImageFile) -> Result<PixelStack, FormatE
         stack.pages += page.pages;
         stack.from_colour |= page.from_colour;
         stack.white = stack.white.filter(|_| stack.white == page.white);
-        if stack.understood.numbers != page.understood.numbers {
-            stack.understood.numbers = Some("several number types".into());
-        }
+        let (numbers, of_page) = (stack.numbers(), page.numbers());
+        stack.understood.numbers = Some(if numbers == of_page { numbers } else { "several number types".into() });
         page.understood.notes.into_iter().for_each(|note| stack.note(note));
         stack.samples.append(page.samples);
         Ok(())
@@ -77,7 +77,14 @@ fn for_each_page(
     limits.decoding_buffer_size = LARGEST_IMAGE_BYTES.min(left) as usize;
     limits.intermediate_buffer_size = limits.decoding_buffer_size;
     let reader = StoredValues::new(&file, &directories).map_err(|error| FormatError::from_read(path, error))?;
-    let tags_of = |index: usize| directories.pages.get(index).cloned().unwrap_or_default();
+    let tags_of = |index: usize| {
+        let mut tags = directories.pages.get(index).cloned().unwrap_or_default();
+        // ImageJ describes a stack on its first page.
+        if let Some(first) = directories.pages.first().filter(|first| first.is_imagej() && !tags.is_imagej()) {
+            tags.description.clone_from(&first.description);
+        }
+        tags
+    };
     check_tags(path, &tags_of(0))?;
     let mut decoder = Decoder::new(BufReader::new(reader)).map_err(damaged)?.with_limits(limits);
     let reduced = directories.pages.iter().filter(|page| page.is_reduced).count();
@@ -100,7 +107,9 @@ fn for_each_page(
             let mut decoded = DecodingResult::U8(Vec::new());
             let layout = decoder.read_image_to_buffer(&mut decoded).map_err(damaged)?;
             let page = Page { source, tags: &tags, rows: height as usize, cols: width as usize, channels };
-            let (numbers, samples) = samples(decoded);
+            let narrowing = Narrowing::default();
+            let (numbers, samples) = samples(decoded, &narrowing);
+            narrowing.check(path)?;
             let samples = match colour.bit_depth() {
                 bits @ (1 | 2 | 4) => page.unpacked(&samples, bits),
                 _ if layout.planes > 1 => interleave(&samples, page.pixels(), channels),
@@ -143,6 +152,29 @@ fn check_tags(path: &Path, tags: &PageTags) -> Result<(), FormatError> {
     if let Some(name) = unread_compression(tags.compression) {
         let expected = "an uncompressed TIFF file or one packed by LZW, Deflate, PackBits or JPEG";
         return refuse(expected, name, "save it without compression");
+    }
+    // The bits of JPEG streams have one order.
+    if tags.fill_order == 2 && tags.compression != 7 {
+        let found = "bytes with their lowest bit first (FillOrder 2)".into();
+        return refuse(
+            "bytes with their highest bit first",
+            found,
+            "save it with FillOrder 1, tiffcp -f msb2lsb IN OUT",
+        );
+    }
+    if tags.layers > 1 {
+        let found = format!("a volume of {} layers in one page (ImageDepth or TileDepth)", tags.layers);
+        return refuse("pages of one layer", found, "save each layer as a page of its own");
+    }
+    // The decoder loses its place in the planes behind the first (tiff 0.11.3, `Image::chunk_data_dimensions`).
+    let has_planes = tags.is_planar && tags.samples_per_pixel > 1;
+    if has_planes && tags.rows.checked_rem(tags.tile_rows).is_some_and(|rest| rest > 0) {
+        let found = "planes of tiles that go beyond the image (PlanarConfiguration 2)".into();
+        return refuse(
+            "the colours of a pixel together",
+            found,
+            "save it with PlanarConfiguration 1, tiffcp -p contig IN OUT",
+        );
     }
     if matches!(tags.sample_format, 5 | 6) {
         return refuse("real numbers", "complex numbers".into(), "save their squared magnitude, the light");
@@ -256,6 +288,7 @@ impl Page<'_> {
                 read_values(&mut reader, values, size_of::<$type>(), true, convert).map($variant)
             }};
         }
+        let narrowing = Narrowing::default();
         let others = match (self.tags.bits, self.tags.sample_format) {
             (8, 0 | 1) => values!(u8, Samples::U8, |value| value),
             (16, 0 | 1) => values!(u16, Samples::U16, |value| value),
@@ -264,9 +297,10 @@ impl Page<'_> {
             (32, 0 | 1) => values!(u32, Samples::F32, |value| value as f32),
             (32, 2) => values!(i32, Samples::F32, |value| value as f32),
             (32, 3) => values!(f32, Samples::F32, |value| value),
-            (64, 3) => values!(f64, Samples::F32, |value| value as f32),
+            (64, 3) => values!(f64, Samples::F32, |value| narrowing.of(value)),
             _ => return none(1),
         };
+        narrowing.check(&self.source.path)?;
         Ok((Some(others.map_err(failed)?), self.missing(there)))
     }
 
@@ -334,7 +368,7 @@ impl Page<'_> {
 }
 
 /// Values, and their number type where it is none of [`Samples`].
-fn samples(decoded: DecodingResult) -> (Option<&'static str>, Samples) {
+fn samples(decoded: DecodingResult, narrowing: &Narrowing) -> (Option<&'static str>, Samples) {
     fn narrow<T>(values: Vec<T>, convert: impl Fn(T) -> f32) -> Samples {
         Samples::F32(values.into_iter().map(convert).collect())
     }
@@ -345,7 +379,7 @@ fn samples(decoded: DecodingResult) -> (Option<&'static str>, Samples) {
         DecodingResult::U32(values) => (Some("32 bits"), narrow(values, |value| value as f32)),
         DecodingResult::U64(values) => (Some("64 bits"), narrow(values, |value| value as f32)),
         DecodingResult::F16(values) => (Some("16-bit floats"), narrow(values, f32::from)),
-        DecodingResult::F64(values) => (Some("64-bit floats"), narrow(values, |value| value as f32)),
+        DecodingResult::F64(values) => (Some("64-bit floats"), narrow(values, |value| narrowing.of(value))),
         DecodingResult::I8(values) => (Some("8 bits with sign"), narrow(values, f32::from)),
         DecodingResult::I16(values) => (Some("16 bits with sign"), narrow(values, f32::from)),
         DecodingResult::I32(values) => (Some("32 bits with sign"), narrow(values, |value| value as f32)),

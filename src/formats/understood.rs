@@ -43,11 +43,10 @@ pub struct ImageSummary {
 impl ImageSummary {
     /// Summary of the images of one file.
     pub fn of(stack: &PixelStack) -> Self {
-        let Understood { key, axis, numbers, notes, choices } = stack.understood.clone();
+        let Understood { key, axis, notes, choices, .. } = stack.understood.clone();
         let (range, wrong) = stack.samples.range();
-        let numbers = numbers.unwrap_or_else(|| stack.samples.numbers().to_owned());
         let (images, shape) = (stack.pages, Some((stack.rows, stack.cols)));
-        Self { files: 1, images, shape, key, axis, numbers: Some(numbers), range, wrong, notes, choices }
+        Self { files: 1, images, shape, key, axis, numbers: Some(stack.numbers()), range, wrong, notes, choices }
     }
 
     /// Other interpretations of the first file, as options of its path: `axis=last`.
@@ -99,6 +98,11 @@ impl fmt::Display for ImageSummary {
 }
 
 impl PixelStack {
+    /// Number type of the file as text.
+    pub(super) fn numbers(&self) -> String {
+        self.understood.numbers.clone().unwrap_or_else(|| self.samples.numbers().to_owned())
+    }
+
     /// Adds a note, unless it is there already.
     pub(super) fn note(&mut self, note: impl Into<String>) {
         let note = note.into();

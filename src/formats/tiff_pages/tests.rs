@@ -126,6 +126,10 @@ fn integers_doubles_and_colour_pages_of_different_shapes_are_read() {
     assert_eq!((pages[0].dim(), pages[1].dim()), ((1, 2), (2, 1)));
     let error = read_stack(file.path()).unwrap_err().to_string();
     assert!(error.contains("page 2 of 2 x 1 px"), "{error}");
+    let mut encoder = TiffEncoder::new(file.reopen().unwrap()).unwrap();
+    encoder.write_image::<colortype::Gray64Float>(1, 1, &[1e303]).unwrap();
+    let error = read_stack(file.path()).unwrap_err().to_string();
+    assert!(error.contains("found 1e303; divide all values"), "{error}");
 }
 
 #[test]
@@ -255,19 +259,120 @@ fn what_is_not_read_is_called_by_its_name() {
         (259, 50_000, "Zstandard compression"),
         (259, 34_887, "LERC compression"),
         (259, 34_712, "JPEG 2000 compression"),
+        (259, 34_933, "PNG compression"),
+        (259, 34_934, "JPEG XR compression"),
         (259, 6, "old JPEG compression"),
         (259, 4_711, "compression of number 4711"),
         (262, 5, "CMYK colours"),
         (262, 8, "Lab colours"),
         (339, 6, "complex numbers"),
         (258, 12, "12 bits packed across bytes"),
+        (266, 2, "lowest bit first (FillOrder 2); save it with FillOrder 1"),
+        (32_997, 3, "a volume of 3 layers in one page (ImageDepth or TileDepth); save each layer"),
+        (32_998, 2, "a volume of 2 layers"),
     ] {
         let error = read_stack(&file().with(tag, SHORT, &[value]).save(&folder)).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
     }
+    let planes = file().with(258, SHORT, &[8; 3]).with(262, SHORT, &[2]).with(277, SHORT, &[3]).with(284, SHORT, &[2]);
+    let mut planes = planes.with(322, SHORT, &[16]).with(323, SHORT, &[16]).with(324, LONG, &[8; 3]);
+    planes.pixels = vec![7; 256];
+    planes.entries.retain(|(tag, ..)| !matches!(tag, 273 | 278 | 279));
+    let error = read_stack(&planes.with(325, LONG, &[256; 3]).save(&folder)).unwrap_err().to_string();
+    assert!(error.contains("planes of tiles that go beyond the image") && error.contains("-p contig"), "{error}");
     let many = file().with(258, SHORT, &[8; 7]).with(277, SHORT, &[7]).with(279, LONG, &[14]);
     let path = Handmade { pixels: (0..14).collect(), ..many }.save(&folder);
     let error = read_stack(&path).unwrap_err().to_string();
     assert!(error.contains("7 channels") && error.contains("add ?channel=1"), "{error}");
     assert_eq!(values(&with(&path, "channel=7")), [6.0, 13.0]);
+}
+
+/// Bytes packed by LZW, with a code that ends with every row. There are fewer codes than those of nine bits.
+fn lzw(rows: &[[u8; 16]]) -> Vec<u8> {
+    let mut table: std::collections::HashMap<Vec<u8>, u16> = (0..=255).map(|byte| (vec![byte], byte.into())).collect();
+    let (mut codes, mut next, mut last) = (vec![256], 258, Vec::new());
+    for row in rows {
+        let mut left = row.as_slice();
+        while !left.is_empty() {
+            if !last.is_empty() {
+                table.entry([&last[..], &left[..1]].concat()).or_insert(next);
+                next += 1;
+            }
+            let length = (1..=left.len()).rev().find(|&length| table.contains_key(&left[..length])).unwrap();
+            last = left[..length].to_vec();
+            codes.push(table[&last]);
+            left = &left[length..];
+        }
+    }
+    assert!(next < 510);
+    codes.push(257);
+    let bits: Vec<u16> = codes.iter().flat_map(|code| (0..9).rev().map(move |bit| code >> bit & 1)).collect();
+    bits.chunks(8).map(|bits| bits.iter().enumerate().map(|(place, &bit)| (bit as u8) << (7 - place)).sum()).collect()
+}
+
+#[test]
+fn tiles_whose_rows_end_between_the_last_codes_of_lzw_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let tile = lzw(&[[7; 16]; 16]);
+    let last = lzw(&[[9; 16]; 16]);
+    for big_endian in [false, true] {
+        // The last tile ends with the file.
+        let save = |offset: usize| {
+            let mut file = Handmade { big_endian, ..Handmade::grey(20, 16, 8, tile.clone()) };
+            file.entries.retain(|(tag, ..)| !matches!(tag, 273 | 278 | 279));
+            let file = file.with(259, SHORT, &[5]).with(322, SHORT, &[16]).with(323, SHORT, &[16]);
+            let file = file.with(324, LONG, &[8, offset as u32]);
+            file.with(325, SHORT, &[tile.len() as u32, last.len() as u32]).save(&folder)
+        };
+        let head = std::fs::read(save(0)).unwrap().len();
+        let path = save(head);
+        let whole = [std::fs::read(&path).unwrap(), last.clone()].concat();
+        std::fs::write(&path, &whole).unwrap();
+        let row = [[7.0; 16].as_slice(), &[9.0; 4]].concat();
+        assert_eq!(values(&path), row.repeat(16));
+        std::fs::write(&path, &whole[..whole.len() - 3]).unwrap();
+        let error = read_stack(&path).unwrap_err().to_string();
+        assert!(error.contains("cut short"), "{error}");
+    }
+}
+
+#[test]
+fn every_page_of_a_stack_of_imagej_gives_its_stored_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.tif");
+    let save = |description: &str, map: bool| {
+        let mut encoder = TiffEncoder::new(std::fs::File::create(&path).unwrap()).unwrap();
+        for page in 0..3_u16 {
+            let mut image = encoder.new_image::<colortype::Gray16>(2, 1).unwrap();
+            if page == 0 {
+                image.encoder().write_tag(tiff::tags::Tag::ImageDescription, description).unwrap();
+            }
+            if map {
+                let tag = tiff::tags::Tag::PhotometricInterpretation;
+                image.encoder().write_tag(tag, 3_u16).unwrap();
+                let table: Vec<u16> = (0..3 << 16).map(|entry| !(entry as u16)).collect();
+                image.encoder().write_tag(tiff::tags::Tag::ColorMap, table.as_slice()).unwrap();
+            }
+            image.write_data(&[32_768 + page, 32_778]).unwrap();
+        }
+    };
+    save("ImageJ=1.54f\nimages=3\nslices=3\n", true);
+    assert_eq!(values(&path), [32_768.0, 32_778.0, 32_769.0, 32_778.0, 32_770.0, 32_778.0]);
+    assert_eq!(values(&with(&path, "frame=3")), [32_770.0, 32_778.0]);
+    assert_eq!(read_pages(&path).unwrap()[1], ndarray::array![[32_769.0, 32_778.0]]);
+    save("ImageJ=1.54f\nimages=3\nc0=-32768.0\nc1=1.0\n", false);
+    assert_eq!(values(&path), [0.0, 10.0, 1.0, 10.0, 2.0, 10.0]);
+}
+
+#[test]
+fn pages_of_several_number_types_are_described_as_such() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let mut encoder = TiffEncoder::new(file.reopen().unwrap()).unwrap();
+    encoder.write_image::<colortype::Gray8>(2, 1, &[3, 250]).unwrap();
+    encoder.write_image::<colortype::Gray16>(2, 1, &[3, 65_000]).unwrap();
+    assert!(summary(file.path()).contains("several number types, range 3 to 65000"), "{}", summary(file.path()));
+    let mut encoder = TiffEncoder::new(file.reopen().unwrap()).unwrap();
+    encoder.write_image::<colortype::Gray8>(1, 1, &[3]).unwrap();
+    encoder.write_image::<colortype::RGB8>(1, 1, &[0, 100, 0]).unwrap();
+    assert!(summary(file.path()).contains("8 bits, range 3 to 71.52"), "{}", summary(file.path()));
 }
