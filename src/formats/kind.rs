@@ -8,6 +8,7 @@ use flate2::read::GzDecoder;
 
 use super::FormatError;
 use super::bytes::open;
+use crate::plural::counted;
 
 /// Number of bytes read from the start of a file.
 const HEAD_BYTES: u64 = 4096;
@@ -102,6 +103,9 @@ const AS_FLOAT: &str = "save it as 32-bit float TIFF";
 const AS_PNG: &str = "save it as PNG or TIFF";
 const RAW: &str = "convert it to TIFF without changing its values";
 const OTHER: &str = "choose another file";
+/// Files of images in place of others of the same set.
+const IMAGES_OF_IDX: &str = "use the file of the images, such as train-images-idx3-ubyte.gz";
+const IMAGES_OF_3_AXES: &str = "use a file of images, which have 3";
 const CIFAR: &str = "use the binary version of CIFAR-10 (data_batch_1.bin and the like)";
 
 fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
@@ -119,9 +123,9 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
     };
     if let [0, 0, 0x08 | 0x09 | 0x0b..=0x0e, axes @ 1..=8, ..] = head {
         return match axes {
-            1 => kind("IDX labels (1 axis)", "use the file of the images, such as train-images-idx3-ubyte.gz"),
+            1 => kind("IDX labels (1 axis)", IMAGES_OF_IDX),
             3 => kind("IDX images", "open them as idx:FILE"),
-            axes => kind(format!("an IDX array of {axes} axes"), "use a file of images, which have 3"),
+            axes => kind(format!("an IDX array of {axes} axes"), IMAGES_OF_3_AXES),
         };
     }
     if let Some((_, _, what, advice)) = SIGNATURES.iter().find(is_there) {
@@ -132,8 +136,10 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
         [b'P', b'f' | b'F', blank, ..] if blank.is_ascii_whitespace() => return kind("a PFM image", AS_FLOAT),
         _ => {}
     }
-    // Protocol 2 and later start with the opcode PROTO.
-    if let [0x80, 2..=5, ..] = head {
+    // Protocol 2 and later start with the opcode PROTO, the earlier ones with a dictionary, a list or the name of a class.
+    let is_early =
+        [&b"(dp"[..], b"(lp", b"}q\0", b"]q\0", b"cnumpy", b"ccopy_reg\n"].iter().any(|start| head.starts_with(start));
+    if is_early || matches!(head, [0x80, 2..=5, ..]) {
         let of_cifar = [&b"batch_label"[..], b"fine_labels", b"label_names", b"data"]
             .iter()
             .any(|name| head.windows(name.len()).any(|part| part == *name));
@@ -147,7 +153,18 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
     {
         return kind("a CIFAR-10 binary batch", "open it as objects, cifar:FILE");
     }
-    if length.is_multiple_of(CIFAR_100_RECORD) && head[0] < 20 && head.get(1).is_some_and(|&fine| fine < 100) {
+    // The labels of the first two records stand in the head.
+    let is_cifar = path.extension().is_some_and(|ending| ending == "bin")
+        && [0, CIFAR_10_RECORD as usize].iter().all(|&record| head.get(record).is_some_and(|&label| label < 10));
+    let is_cifar_100 = length.is_multiple_of(CIFAR_100_RECORD);
+    if is_cifar && !is_cifar_100 && head.iter().any(|&byte| byte != 0) {
+        let more = counted(length % CIFAR_10_RECORD, "byte");
+        return kind(
+            format!("what looks like a CIFAR-10 binary batch, with {more} behind its last image"),
+            "download it again",
+        );
+    }
+    if is_cifar_100 && head[0] < 20 && head.get(1).is_some_and(|&fine| fine < 100) {
         return kind("the size and labels of CIFAR-100", CIFAR);
     }
     match text_kind(head) {
@@ -159,7 +176,10 @@ fn kind_of(head: &[u8], length: u64, path: &Path) -> Kind {
             let mut start = String::new();
             head.iter().take(4).for_each(|byte| _ = write!(start, " {byte:02x}"));
             let ending = path.extension().map_or_else(String::new, |ending| format!(" .{}", ending.to_string_lossy()));
-            kind(format!("an unknown{ending} file of {length} bytes that begins with{start}"), "convert it first")
+            kind(
+                format!("an unknown{ending} file of {} that begins with{start}", counted(length, "byte")),
+                "convert it first",
+            )
         }
     }
 }
@@ -176,7 +196,10 @@ fn packed(head: &[u8]) -> Kind {
         return kind("a damaged gzip file", "copy or download it again");
     }
     let inside = kind_of(&inner, inner.len() as u64, Path::new(""));
-    kind(format!("a gzip file with {} inside", inside.what), "run gunzip on it")
+    // Unpacked it would not do either.
+    let is_of_no_use = [IMAGES_OF_IDX, IMAGES_OF_3_AXES, CIFAR].contains(&inside.advice);
+    let advice = if is_of_no_use { inside.advice } else { "run gunzip on it" };
+    kind(format!("a gzip file with {} inside", inside.what), advice)
 }
 
 /// Kind of a text; `None` where it is not text.
@@ -242,12 +265,14 @@ mod tests {
             (b"<!DOCTYPE html><html>Quota exceeded", "found a web page"),
             (b"\n  <HTML>", "found a web page"),
             (&labels, "found IDX labels (1 axis); use the file of the images"),
-            (&gzip(&labels), "found a gzip file with IDX labels (1 axis) inside"),
+            (&gzip(&labels), "found a gzip file with IDX labels (1 axis) inside; use the file of the images"),
             (&gzip(&gzip(&labels)), "found a file that was gzipped twice; run gunzip on it once"),
-            (&gzip(&tar), "found a gzip file with a tar archive inside"),
+            (&gzip(&tar), "found a gzip file with a tar archive inside; run gunzip on it"),
             (&cifar_100, "CIFAR-100"),
             (b"\x80\x02}q\0(X\x0b\0\0\0batch_labelq", "the Python version of CIFAR-10; use the binary version"),
             (b"\x80\x04K\x01.", "found a Python pickle; save the array with numpy.save"),
+            (b"(dp1\nS'batch_label'\np2\nS'\\x01", "the Python version of CIFAR-10; use the binary version"),
+            (b"cnumpy.core.multiarray\n_reconstruct\np0\n", "found a Python pickle; save the array"),
             (b"\x89HDF\r\n\x1a\n....", "found an HDF5 file"),
             (b"GIF89a", "found a GIF image; save it as PNG or TIFF"),
             (b"RIFF....WEBPVP8 ", "found a WebP image"),
@@ -261,11 +286,21 @@ mod tests {
             ("ein sch\u{f6}ner Text".as_bytes(), "found a text"),
             (&[0; 100], "found nothing but zeros"),
             (&[1, 2, 3, 0xfe, 9], "an unknown file of 5 bytes that begins with 01 02 03 fe"),
+            (&[0xfe], "an unknown file of 1 byte that begins with fe"),
         ];
         for (bytes, expected) in cases {
             let sentence = sentence_for(bytes);
             assert!(sentence.contains("expected an image, found") && sentence.contains(expected), "{sentence}");
         }
+    }
+
+    #[test]
+    fn bytes_behind_the_records_of_cifar_are_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("data_batch_1.bin");
+        std::fs::write(&path, [&[7; 3 * 3073][..], &[0; 2]].concat()).unwrap();
+        let sentence = named_for_what_it_is(&path, "images").to_string();
+        assert!(sentence.contains("CIFAR-10 binary batch, with 2 bytes behind its last image; download"), "{sentence}");
     }
 
     #[test]

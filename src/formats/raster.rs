@@ -1,6 +1,6 @@
 //! Single images: PNG, JPEG and BMP in, PNG out.
 
-use std::io::{self, BufReader};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use image::codecs::png::PngEncoder;
@@ -43,10 +43,12 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
     let mut reader = ImageReader::new(BufReader::new(file))
         .with_guessed_format()
         .map_err(|error| FormatError::from_read(path, error))?;
-    if reader.format() == Some(ImageFormat::Jpeg) && !has_its_end(&read_bytes(path, length)?) {
-        let advice = "the file is cut short; copy it again";
-        return Err(FormatError::malformed(path, "the end of the image", "the end of the file", advice));
+    // Too short for a signature.
+    let Some(format) = reader.format() else { return Err(cut_short(path)) };
+    if format == ImageFormat::Jpeg && !has_its_end(&read_bytes(path, length)?) {
+        return Err(cut_short(path));
     }
+    let frames = if format == ImageFormat::Png { frames_of_png(path)? } else { 1 };
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE_PX);
     limits.max_image_height = Some(LONGEST_SIDE_PX);
@@ -78,8 +80,39 @@ pub(super) fn read_page(file: &ImageFile) -> Result<PixelStack, FormatError> {
             return Err(FormatError::malformed(path, "grey or RGB pixels of 8, 16 or 32 bits", found, ADVICE));
         }
     };
-    let stack = PixelStack::interleaved(source, [1, height as usize, width as usize], samples, channels)?;
+    let mut stack = PixelStack::interleaved(source, [1, height as usize, width as usize], samples, channels)?;
+    if frames > 1 {
+        stack.note(format!("only the first of the {frames} frames of the animation"));
+    }
     Ok(stack.turned(orientation))
+}
+
+fn cut_short(path: &Path) -> FormatError {
+    let advice = "the file is cut short; copy it again";
+    FormatError::malformed(path, "the end of the image", "the end of the file", advice)
+}
+
+/// Number of frames of a PNG image, from the chunk `acTL` of animations (PNG 3, section 11.3.6.1). Damage is left to the
+/// decoder.
+fn frames_of_png(path: &Path) -> Result<u32, FormatError> {
+    let (file, _) = open(path)?;
+    let mut reader = BufReader::new(file);
+    let mut frames = || -> io::Result<u32> {
+        reader.seek(SeekFrom::Start(8))?;
+        loop {
+            // Length and name of a chunk, and the first number of its data.
+            let mut chunk = [0; 12];
+            reader.read_exact(&mut chunk)?;
+            let number = |at: usize| u32::from_be_bytes([0, 1, 2, 3].map(|byte| chunk[at + byte]));
+            match &chunk[4..8] {
+                b"acTL" => return Ok(number(8)),
+                b"IDAT" | b"IEND" => return Ok(1),
+                // The rest of the data, and its checksum.
+                _ => reader.seek_relative(i64::from(number(0)))?,
+            }
+        }
+    };
+    Ok(frames().unwrap_or(1))
 }
 
 /// Writes an 8-bit grey PNG: `low` becomes 0, `high` 255, values beyond are clipped and NaN is 0.
@@ -211,6 +244,27 @@ mod tests {
             let message = read_grey(&path).unwrap_err().to_string();
             assert!(message.contains("cut short"), "{length}: {message}");
         }
+    }
+
+    #[test]
+    fn frames_of_an_animation_are_not_left_out_in_silence() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        write_png8(&path, arr2(&[[0.0, 1.0]]).view(), 0.0, 1.0).unwrap();
+        let still = std::fs::read(&path).unwrap();
+        assert!(read_stack(&path).unwrap().understood.notes.is_empty());
+        // The chunk stands behind the header: its length, name, numbers of frames and plays, and checksum.
+        let chunk = [&8_u32.to_be_bytes()[..], b"acTL", &3_u32.to_be_bytes(), &[0; 4], &0x5a00_0000_u32.to_be_bytes()];
+        let mut data = chunk.concat();
+        let mut check = flate2::Crc::new();
+        check.update(&data[4..16]);
+        data[16..].copy_from_slice(&check.sum().to_be_bytes());
+        std::fs::write(&path, [&still[..33], &data, &still[33..]].concat()).unwrap();
+        let stack = read_stack(&path).unwrap();
+        assert_eq!(stack.understood.notes, ["only the first of the 3 frames of the animation"]);
+        std::fs::write(&path, &still[..4]).unwrap();
+        let error = read_stack(&path).unwrap_err().to_string();
+        assert!(error.contains("the file is cut short; copy it again"), "{error}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ use super::bytes::magic;
 use super::kind::named_for_what_it_is;
 use super::raw_array::RawArray;
 use super::{Channel, FormatError, ImageFile, Meaning, PixelStack, idx, npy, npz, raster, tiff_pages};
+use crate::plural::counted;
 
 /// Least length of the first two axes of a colour image, exclusive. A stack of a few narrow pages is not a colour image.
 const COLOUR_IMAGE_PX: usize = 4;
@@ -60,11 +61,7 @@ impl ImageFile {
 /// # Errors
 /// [`FormatError`] if the file is missing, damaged, of another kind, larger than 32,768 px a side or 1 GiB.
 pub fn read_grey(path: &Path) -> Result<Array2<f32>, FormatError> {
-    let stack = read_stack(path)?;
-    if stack.pages == 0 {
-        return Err(FormatError::malformed(path, "an image", "none", "save the image again as PNG or TIFF"));
-    }
-    Ok(stack.image(0))
+    Ok(read_stack(path)?.image(0))
 }
 
 fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
@@ -81,6 +78,10 @@ fn read(file: &ImageFile) -> Result<PixelStack, FormatError> {
         [0x1f, 0x8b, ..] if idx::is_packed_images(path) => idx::read_images(file)?,
         _ => return Err(named_for_what_it_is(path, KINDS)),
     };
+    if stack.samples.is_empty() {
+        let found = format!("none in {} of {} x {} px", counted(stack.pages, "image"), stack.rows, stack.cols);
+        return Err(FormatError::malformed(path, "images with pixels", found, "choose another file or save it again"));
+    }
     file.chosen_frame(stack)
 }
 
@@ -220,7 +221,6 @@ mod tests {
             (&[7, 9, 4], Some((1, 7, 9)), None),
             (&[7, 9, 5], Some((7, 9, 5)), Some(1)),
             (&[2, 9, 3], Some((2, 9, 3)), Some(1)),
-            (&[0, 9, 9], Some((0, 9, 9)), Some(1)),
             (&[1, 9, 8], Some((1, 9, 8)), None),
             (&[6, 9, 1], Some((1, 6, 9)), None),
             (&[6, 1, 9], Some((6, 1, 9)), Some(1)),
@@ -238,6 +238,18 @@ mod tests {
             let stack = read_stack(&counting(&folder, shape)).ok();
             assert_eq!(stack.as_ref().map(|stack| (stack.pages, stack.rows, stack.cols)), expected, "{shape:?}");
             assert_eq!(stack.and_then(|stack| stack.understood.axis), axis, "{shape:?}");
+        }
+    }
+
+    #[test]
+    fn arrays_without_pixels_are_refused_whatever_their_shape() {
+        let folder = tempfile::tempdir().unwrap();
+        for (shape, found) in [
+            (&[0, 5][..], "found none in 1 image of 0 x 5 px;"),
+            (&[0, 40, 52], "found none in 0 images of 40 x 52 px;"),
+        ] {
+            let error = read_stack(&counting(&folder, shape)).unwrap_err().to_string();
+            assert!(error.contains("expected images with pixels") && error.contains(found), "{error}");
         }
     }
 
