@@ -32,7 +32,8 @@ impl LevelLimit {
         (step > hidden).then(|| {
             format!(
                 "one grey level is {step:.3} photons: steps that coarse can be distinguished by a flexible model, so that the \
-                 number may fall below the information"
+                 number may fall below the information; to a Gaussian model their rounding is noise beyond the stated one, so that it may \
+                 rise above"
             )
         })
     }

@@ -326,7 +326,9 @@ impl MeasuredImages {
 
     /// Names estimates that cannot be: below zero by more than their interval, or above what the grey values carry.
     fn check(&self, estimate: &mut Estimate, noise: Noise) {
-        if estimate.interval_95[1] < 0.0 {
+        // Intervals of few images are too narrow, so one that ends just below zero proves nothing.
+        let [low, high] = estimate.interval_95;
+        if high + (high - low) / 2.0 < 0.0 {
             estimate.notes.retain(|note| !note.contains("the estimate is negative"));
             let note = if self.grey_notes.saturated.is_some() {
                 BELOW_ZERO_SATURATED.into()

@@ -1,13 +1,17 @@
 //! Checks of camera images and of the estimates from them, a sentence each.
 
-use ndarray::{ArrayView3, Axis, s};
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use ndarray::{ArrayView2, ArrayView3, Axis, s};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::pixel_calibration::Origins;
-use crate::formats::{GreyValues, Saturated, Wrapped};
+use crate::formats::GreyValues;
 use crate::information::{Estimator, NoiseEntropy, Protocol, gaussian_entropy};
+use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
 
 /// Least share of the variance that is the same in all images for a note.
@@ -31,6 +35,9 @@ const SEED: u64 = 9;
 /// The sentence on an estimate below zero of saturated images.
 pub(crate) const BELOW_ZERO_SATURATED: &str = "error: the estimate is below zero by more than its interval, as saturated pixels do \
                                                not vary; record images of less light";
+/// The note on counts that overflowed.
+pub(crate) const OVERFLOWED: &str = "values reach from the least to the largest number of 16 signed bits: counts above 32767 may have \
+                                     become negative; read them as unsigned numbers";
 /// Largest share of saturated pixels of an estimate that can be relied on.
 const MANY_SATURATED: f64 = 0.01;
 
@@ -41,14 +48,16 @@ pub(crate) struct GreyNotes {
     pub(crate) saturated: Option<String>,
     /// On values that wrapped around zero.
     pub(crate) wrapped: Option<String>,
+    /// On negative values that were cut off.
+    pub(crate) cut_off: Option<String>,
     /// On the distance of grey values.
     pub(crate) steps: Option<String>,
 }
 
 impl GreyNotes {
-    /// Notes that spoil any estimate.
+    /// Notes on what spoils any estimate.
     pub(crate) fn grave(&self) -> impl Iterator<Item = String> {
-        self.saturated.clone().into_iter().chain(self.wrapped.clone())
+        [&self.saturated, &self.wrapped, &self.cut_off].into_iter().flatten().cloned()
     }
 }
 
@@ -56,14 +65,15 @@ impl GreyNotes {
 pub(crate) fn grey_notes(values: &GreyValues) -> GreyNotes {
     let wrapped = values.wrapped();
     // The top of wrapped values is no saturation.
-    let saturated = values.saturated().filter(|_| wrapped.is_none()).map(|Saturated { share, value }| {
-        let advice = if share > MANY_SATURATED { ", and the estimate is not to be relied on" } else { "" };
-        format!("{:.1} % of the pixels are at {value}, the largest value: they are saturated{advice}", 100.0 * share)
+    let saturated = values.saturated().filter(|_| wrapped.is_none()).map(|saturated| {
+        let advice = if saturated.share > MANY_SATURATED { ", and the estimate is not to be relied on" } else { "" };
+        format!("{saturated}: they are saturated{advice}")
     });
-    let wrapped = wrapped.map(|Wrapped { share, above, median }| {
+    let wrapped = wrapped.map(|wrapped| wrapped.to_string());
+    let cut_off = values.cut_off_at_zero().map(|share| {
         format!(
-            "{:.1} % of the values lie above {above} while the median is {median}: negative values wrapped around zero; subtract \
-             the dark level in signed numbers or floats",
+            "{:.1} % of the pixels are 0, far more than have the next grey values: noise below the dark level was cut off and counts as \
+             information; subtract the dark level in signed numbers or floats",
             100.0 * share
         )
     });
@@ -71,7 +81,7 @@ pub(crate) fn grey_notes(values: &GreyValues) -> GreyNotes {
         .step()
         .filter(|step| *step > 1.0)
         .map(|step| format!("all grey values are {step} apart, as of fewer bits that were shifted"));
-    GreyNotes { saturated, wrapped, steps }
+    GreyNotes { saturated, wrapped, cut_off, steps }
 }
 
 /// A note on the share of the variance that is the same in all images.
@@ -118,6 +128,26 @@ pub(crate) fn fixed_pattern_note(photons: ArrayView3<'_, f32>, has_dark: bool) -
             100.0 * share
         )
     })
+}
+
+/// A note on images that equal an earlier one, of which one may be a test image and the other one of training.
+pub(crate) fn copies_note(photons: ArrayView3<'_, f32>) -> Option<String> {
+    let mut seen = HashSet::new();
+    let bits = |image: ArrayView2<'_, f32>| image.iter().map(|value| value.to_bits()).collect::<Vec<u32>>();
+    let copies = photons.outer_iter().filter(|image| !seen.insert(hash_of(&bits(image.view())))).count();
+    (copies > 0).then(|| {
+        format!(
+            "{copies} of {} {} an earlier one: estimates take images to be independent; leave copies out",
+            counted(photons.len_of(Axis(0)), "image"),
+            one_or_many(copies, "equals", "equal")
+        )
+    })
+}
+
+fn hash_of(bits: &[u32]) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    bits.hash(&mut hasher);
+    hasher.finish()
 }
 
 /// Variance of the noise of neighbouring pixels at most: half the mean square of their differences, photons^2.
@@ -177,14 +207,21 @@ pub(crate) fn below_zero(
         (mean_of(photons), neighbour_variance(photons) - noise.read_sigma().unwrap_or_default().powi(2));
     let fitting = if variance > 0.0 {
         let offset = offset + (mean - variance) * gain / (bin * bin) as f64;
+        let gain = gain * variance / mean;
+        // Three significant digits, of a gain that may be very small.
+        let decimals = (2.0 - gain.log10().floor()).clamp(0.0, 12.0) as usize;
         format!(
-            "; shot noise fits an offset of {offset:.1} DN at this gain, or a gain of {:.3} DN per photon at this offset",
-            gain * variance / mean
+            "; shot noise fits an offset of {offset:.1} DN at this gain, or a gain of {gain:.decimals$} DN per photon at this offset; \
+             images that were averaged, denoised or interpolated vary less as well"
         )
     } else {
         String::new()
     };
-    format!("{start}; check the {first}: {reason}{fitting}")
+    let read = match noise.read_sigma() {
+        Some(sigma) if sigma > 0.0 => format!(", and the read noise of {sigma}"),
+        _ => String::new(),
+    };
+    format!("{start}; check the {first}: {reason}{read}{fitting}")
 }
 
 /// Number of images from which on an estimate is taken to hold for their kind.
@@ -291,6 +328,15 @@ mod tests {
     }
 
     #[test]
+    fn copies_are_counted() {
+        let mut images = shot(100.0);
+        assert_eq!(copies_note(images.view()), None);
+        let first = images.index_axis(Axis(0), 0).to_owned();
+        images.index_axis_mut(Axis(0), 4).assign(&first);
+        assert!(copies_note(images.view()).unwrap().starts_with("1 of 6 images equals an earlier one"));
+    }
+
+    #[test]
     fn noise_below_the_stated_one_is_noted() {
         assert_eq!(neighbour_note(shot(100.0).view(), Noise::Shot), None);
         assert!(neighbour_note((shot(100.0) * 0.5).view(), Noise::Shot).unwrap().contains("by 0.50 of"));
@@ -318,6 +364,13 @@ mod tests {
         assert!(of(gain, no_origins).contains("check the gain: it is 1"));
         let read = below_zero(photons.view(), wrong, no_origins, Noise::Read { sigma: 9.0 });
         assert!(read.contains("check the noise"), "{read}");
+        let both = below_zero(photons.view(), wrong, no_origins, Noise::ShotRead { sigma: 3.0 });
+        assert!(both.contains("and the read noise of 3") && both.contains("averaged, denoised"), "{both}");
+        // Floats of 0 to 1.
+        let small = Calibration { gain: 1.0, offset: 0.01, bin: 1 };
+        let text = below_zero((shot(100.0) / 4095.0).view(), small, no_origins, Noise::Shot);
+        let gain: f64 = text.split("or a gain of ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!((gain * 4095.0 - 1.0).abs() < 0.1, "{text}");
     }
 
     #[test]

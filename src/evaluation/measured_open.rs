@@ -9,13 +9,14 @@ use crate::camera::{CalibratedCamera, ChosenFrames, ColourChoice};
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::level_limit::LevelLimit;
 use crate::evaluation::measured::MeasuredImages;
-use crate::evaluation::measured_checks::{fixed_pattern_note, grey_notes};
+use crate::evaluation::measured_checks::{OVERFLOWED, copies_note, fixed_pattern_note, grey_notes};
 use crate::evaluation::measured_error::MeasuredError;
 use crate::evaluation::measured_source::MeasuredSource;
 use crate::evaluation::measured_view::View;
 use crate::evaluation::pixel_calibration::{Origins, PixelCalibration};
 use crate::evaluation::progress::{EstimateProgress, report_step, report_understood};
 use crate::formats::{FormatError, GreyValues, ImageSummary, bits_of, image_files};
+use crate::plural::{counted, one_or_many};
 use crate::progress::Progress;
 use crate::sensor::Noise;
 
@@ -109,13 +110,16 @@ impl MeasuredImages {
         notes.push(understood.clone());
         notes.push(options.describe(&calibration));
         notes.extend(options.view.describe());
+        notes.extend(values.overflowed().then(|| OVERFLOWED.to_owned()));
         let negative = photons.iter().filter(|value| **value < 0.0).count();
         if negative > 0 {
             let share = 100.0 * negative as f64 / photons.len() as f64;
             notes.push(format!("{share:.2} % of the pixels lie below the offset"));
         }
         let origins = Origins { has_camera: options.camera.is_some(), has_dark: options.dark.is_some() };
-        notes.extend(fixed_pattern_note(photons.view(), origins.has_dark));
+        // Copies are alike for another reason than a fixed pattern.
+        let alike = copies_note(photons.view()).or_else(|| fixed_pattern_note(photons.view(), origins.has_dark));
+        notes.extend(alike);
         let summed = calibration.constants.bin.pow(2) * planes;
         let limit = values.levels().map(|levels| LevelLimit {
             bits: (summed as f64 * (levels - 1.0) + 1.0).log2(),
@@ -212,7 +216,10 @@ impl MeasuredOptions {
         let bad = pixels.bad.as_ref().map_or(0, |bad| bad.iter().filter(|bad| **bad).count());
         let bad = match bad {
             0 => String::new(),
-            bad => format!("; {} the value of the nearest good one", crate::plural::counted(bad, "pixel has")),
+            bad => {
+                let pixels = counted(bad, "pixel");
+                format!("; {pixels} {} the value of the nearest good one", one_or_many(bad, "has", "have"))
+            }
         };
         format!("{unit} are (grey level - {dark}) / {gain:.5}{response} ({:.5} {unit} per DN){sum}{bad}", 1.0 / gain)
     }

@@ -2,11 +2,21 @@
 
 use std::path::Path;
 
-use crate::formats::{FormatError, PixelStack, Samples};
+use crate::formats::{FormatError, GreyValues, PixelStack, Samples};
 use crate::plural::{counted, one_or_many};
 
 /// Largest negative residue of a subtracted dark frame, as a share of the largest pixel.
 const LARGEST_NEGATIVE_SHARE: f32 = 0.05;
+
+/// Least share of saturated pixels for a notice.
+const LEAST_SATURATED: f64 = 0.01;
+
+/// A notice of grey values at a limit of their number type.
+pub(super) fn at_limits(values: &GreyValues) -> Option<String> {
+    let wrapped = values.wrapped().map(|wrapped| wrapped.to_string());
+    let saturated = values.saturated().filter(|saturated| saturated.share >= LEAST_SATURATED);
+    wrapped.or(saturated.map(|saturated| format!("{saturated}: what was brighter there is lost")))
+}
 
 /// Checks every pixel and sets slightly negative ones to 0.
 ///

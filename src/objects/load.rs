@@ -4,12 +4,12 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::formats::{FormatError, ImageFile, ImageSummary, PixelStack, Samples, image_files};
+use crate::formats::{FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Samples, image_files};
 use crate::plural::{counted, one_or_many};
 use crate::progress::Progress;
 
 use super::ObjectError;
-use super::clean::clean;
+use super::clean::{at_limits, clean};
 use super::placement::Placement;
 use super::set::{FileReport, ReadProgress, report_read};
 
@@ -73,7 +73,7 @@ pub(super) fn load(
     let mut items = Vec::with_capacity(files.len());
     let (mut pages, mut has_fitted, mut cleaned) = (0_usize, false, Vec::new());
     let (mut understood, mut changed): (Option<ImageSummary>, Vec<String>) = (None, Vec::new());
-    let mut unreadable: Vec<FormatError> = Vec::new();
+    let (mut unreadable, mut values): (Vec<FormatError>, GreyValues) = (Vec::new(), GreyValues::default());
     for (batch_index, batch) in files.chunks(BATCH_FILES).enumerate() {
         report_read(progress, &ReadProgress::files(batch_index * BATCH_FILES, files.len()))?;
         let read: Vec<Result<PixelStack, FormatError>> = batch.par_iter().map(ImageFile::read).collect();
@@ -85,6 +85,7 @@ pub(super) fn load(
                         None => understood = Some(summary),
                         Some(understood) => understood.join(summary),
                     }
+                    values.add_stack(&stack);
                     cleaned.extend(clean(&file.path, &mut stack)?);
                     pages = pages.saturating_add(stack.pages);
                     has_fitted |= !is_small(&stack, field);
@@ -113,6 +114,7 @@ pub(super) fn load(
     }
     report.understood = understood.map(|understood| understood.to_string());
     let notices = &mut report.notices;
+    notices.extend(at_limits(&values));
     let more = cleaned.len().saturating_sub(NAMED_FILES);
     notices.extend(cleaned.into_iter().take(NAMED_FILES));
     notices.extend((more > 0).then(|| format!("the same in {}", counted(more, "more file"))));
@@ -254,6 +256,24 @@ mod tests {
         let opened = ObjectSet::open(&ObjectSource::Images(path), &ObjectOptions::default());
         let Err(error) = opened else { panic!("they were opened") };
         assert!(matches!(error, ObjectError::TooMany { count, .. } if count == pages), "{error}");
+    }
+
+    #[test]
+    fn saturated_and_wrapped_pixels_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let notices = |value: &dyn Fn(usize) -> f32| {
+            let images = ndarray::Array3::from_shape_fn((3, 20, 20), |(n, row, col)| value(400 * n + 20 * row + col));
+            crate::formats::write_array(&path, images.view()).unwrap();
+            let set = ObjectSet::open(&ObjectSource::Stack(path.clone()), &ObjectOptions::default()).unwrap();
+            set.notices().join("\n")
+        };
+        let saturated = notices(&|pixel| ((pixel * 37 % 400) as f32).min(255.0));
+        assert!(saturated.contains("36.3 % of the pixels are at 255, the largest value"), "{saturated}");
+        let wrapped = notices(&|pixel| ((pixel % 21) as f32 - 2.0).rem_euclid(65_536.0));
+        assert!(wrapped.contains("negative values wrapped around zero"), "{wrapped}");
+        let sound = notices(&|pixel| (pixel % 200) as f32);
+        assert!(!sound.contains("largest value") && !sound.contains("wrapped"), "{sound}");
     }
 
     #[test]

@@ -8,12 +8,12 @@ use ndarray::{Array2, Array4, ArrayViewMut2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::formats::{FormatError, ImageSummary, PixelStack, read_cifar, read_idx, read_stack};
+use crate::formats::{FormatError, GreyValues, ImageSummary, PixelStack, read_cifar, read_idx, read_stack};
 use crate::plural::counted;
 use crate::progress::{CancelToken, Progress};
 
 use super::beads::{BeadScale, Beads};
-use super::clean::clean;
+use super::clean::{at_limits, clean};
 use super::load::{Loaded, Size, load};
 use super::mosaic::Mosaic;
 use super::placement::Placement;
@@ -173,7 +173,13 @@ impl ObjectSet {
                     Loaded::Whole(stack) => whole(path, stack, mean)?,
                 }
             }
-            ObjectSource::Stack(path) => whole(path, one_file(path, read_stack, &mut report, progress)?, mean)?,
+            ObjectSource::Stack(path) => {
+                let stack = one_file(path, read_stack, &mut report, progress)?;
+                let mut values = GreyValues::default();
+                values.add_stack(&stack);
+                report.notices.splice(0..0, at_limits(&values));
+                whole(path, stack, mean)?
+            }
         };
         let (field, mean) = match &content {
             Content::Beads(beads) => (beads.field(), beads.mean()),
