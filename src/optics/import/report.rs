@@ -90,11 +90,9 @@ impl PsfImportReport {
                 PsfOptionsIn::Path => "?dark=corners subtracts it",
                 PsfOptionsIn::Dialog => "choose Median of the corners as dark level to subtract it",
             };
-            format!(
-                "the corners have the grey value {}, {} of all light if it is the black level; {advice}",
-                short(level),
-                percent(share)
-            )
+            // Corners brighter than the mean of the image are more than all light.
+            let share = if share < 1.0 { format!("{} of all light", percent(share)) } else { "all light".into() };
+            format!("the corners have the grey value {}, {share} if it is the black level; {advice}", short(level))
         });
         [saturated, wrapped, suspected].into_iter().flatten().collect()
     }
