@@ -56,7 +56,9 @@ pub enum ReconstructionError {
         planes: usize,
     },
     /// The decoder needs a set of objects.
-    #[error("{decoder}: expected a set of objects to learn its prior from, found a single measurement; choose tv")]
+    #[error(
+        "{decoder}: expected a set of objects to learn its prior from, found a single measurement; choose tv or richardson-lucy"
+    )]
     NoPrior {
         /// The decoder.
         decoder: &'static str,
@@ -81,6 +83,33 @@ pub enum ReconstructionError {
     NoLenslets {
         /// The mask.
         found: String,
+    },
+    /// The masks that a network for any mask learns from keep all light.
+    #[error("network for any mask: expected a mask of throughput 1, found {throughput}; train it for this mask alone")]
+    Throughput {
+        /// Throughput of the mask.
+        throughput: f64,
+    },
+    /// The network for any mask was trained on another grid, or for other masks than this one.
+    #[error(
+        "network for any mask: expected a mask of lenslets of throughput 1 on a grid of {} x {} px, found {found}; \
+         train it for this mask alone", .expected.0, .expected.1
+    )]
+    BeyondTraining {
+        /// Rows and columns of the grid of the training.
+        expected: (usize, usize),
+        /// What is not so.
+        found: String,
+    },
+    /// There are too few images to train on and to validate with.
+    #[error("{decoder}: expected at least {least} images to train on and to test with, found {found}; add images")]
+    FewImages {
+        /// The decoder.
+        decoder: &'static str,
+        /// Least number of images of the set.
+        least: usize,
+        /// Images of the set.
+        found: usize,
     },
     /// The decoder has no training.
     #[error("{decoder}: expected a decoder that is trained, found one that is not; choose network or unet")]

@@ -3,7 +3,9 @@
 use ndarray::{Array2, ArrayView2, ArrayView3, Axis};
 
 use super::error::ReconstructionError;
+use super::network::TrainingMasks;
 use crate::forward::{Design, ForwardModel};
+use crate::optics::Encoder;
 use crate::sensor::{Noise, SensorError, field_offset};
 
 /// Least variance of the noise of a pixel in shares of the squared mean measurement; stands in for that of a sensor without noise.
@@ -24,6 +26,8 @@ const LEAST_RELATIVE_VARIANCE: f64 = 1e-8;
 pub struct ImagingModel {
     psf: Array2<f64>,
     field: (usize, usize),
+    /// The mask in words, where it is none that networks for any mask learn from.
+    beyond_training: Option<String>,
     /// Background, photons per pixel.
     pub background: f64,
     /// Noise of the sensor.
@@ -50,7 +54,16 @@ impl ImagingModel {
             let error = SensorError::ObjectSmallerThanPsf { object_rows, object_cols, psf_rows: rows, psf_cols: cols };
             return Err(error.into());
         }
-        Ok(Self { psf: psf.index_axis(Axis(0), 0).to_owned(), field, background, noise })
+        let psf = psf.index_axis(Axis(0), 0).to_owned();
+        Ok(Self { psf, field, beyond_training: None, background, noise })
+    }
+
+    /// The same model, of which the mask is known as well. A network for any mask serves it where [`TrainingMasks::any`] trains for it; a
+    /// model of a PSF alone counts as such a mask.
+    #[must_use]
+    pub fn of_mask(self, encoder: &Encoder) -> Self {
+        let beyond_training = TrainingMasks::any(encoder).is_err().then(|| encoder.describe());
+        Self { beyond_training, ..self }
     }
 
     /// The model of a design whose objects are open.
@@ -59,7 +72,8 @@ impl ImagingModel {
     /// [`ReconstructionError::Planes`] for objects with depth; where the mask cannot be rendered.
     pub fn of_design(design: &Design, forward: &ForwardModel) -> Result<Self, ReconstructionError> {
         let psf = forward.psf(design).map_err(crate::forward::ForwardError::from)?;
-        Self::new(psf.view(), forward.set.field(), forward.bias, forward.noise)
+        let model = Self::new(psf.view(), forward.set.field(), forward.bias, forward.noise)?;
+        Ok(model.of_mask(&design.encoder))
     }
 
     /// The model of a capture of shape `measurement` without background: the field is all that the mask lets the sensor see.
@@ -82,6 +96,11 @@ impl ImagingModel {
     /// Point spread function, shape (rows, cols).
     pub fn psf(&self) -> ArrayView2<'_, f64> {
         self.psf.view()
+    }
+
+    /// The mask in words, where it is known to be none that networks for any mask learn from.
+    pub(super) fn beyond_training(&self) -> Option<&str> {
+        self.beyond_training.as_deref()
     }
 
     /// Rows and columns of the objects.

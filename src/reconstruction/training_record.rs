@@ -4,17 +4,22 @@ use ndarray::ArrayView2;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::decoder::DecoderKind;
 use super::error::ReconstructionError;
 use super::model::ImagingModel;
 use super::protocol::DecoderScene;
 use crate::formats::{content_key, json_of};
 use crate::nn::{NetworkError, ParameterLayout, WeightsHeader, read_details, write_weights};
+use crate::plural::counted;
 
 /// Entry of the header that describes the network.
 const ENTRY: &str = "network";
+/// Fewest images of a set: one to train on, one to validate with, one to test with.
+const LEAST_IMAGES: usize = 3;
 
 /// One validation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TrainingPoint {
     /// Steps so far.
     pub steps: usize,
@@ -46,10 +51,18 @@ impl NetworkMask {
         Self::One { psf_hash: hash_of(model.psf()) }
     }
 
-    fn serves(&self, model: &ImagingModel) -> bool {
-        match self {
-            Self::One { psf_hash } => *psf_hash == hash_of(model.psf()),
-            Self::Any { psf } => *psf == model.psf().dim(),
+    /// Refuses a mask that it does not serve.
+    fn check(&self, model: &ImagingModel) -> Result<(), ReconstructionError> {
+        let expected = match self {
+            Self::One { psf_hash } if *psf_hash == hash_of(model.psf()) => return Ok(()),
+            Self::One { .. } => return Err(ReconstructionError::OtherMask),
+            Self::Any { psf } => *psf,
+        };
+        let (rows, cols) = model.psf().dim();
+        let other_grid = (expected != (rows, cols)).then(|| format!("{rows} x {cols} px"));
+        match other_grid.or_else(|| model.beyond_training().map(str::to_owned)) {
+            Some(found) => Err(ReconstructionError::BeyondTraining { expected, found }),
+            None => Ok(()),
         }
     }
 }
@@ -109,7 +122,20 @@ impl TrainingRecord {
     /// One line on the training.
     pub fn summary(&self) -> String {
         let Self { steps, seconds, psnr_db, .. } = self;
-        format!("{steps} steps in {seconds:.1} s; on validation images {psnr_db:.2} dB")
+        format!("{} in {seconds:.1} s; on validation images {psnr_db:.2} dB", counted(*steps, "step"))
+    }
+
+    /// Refuses a set with too few images to train a decoder on and to validate it with.
+    ///
+    /// # Errors
+    /// [`ReconstructionError::FewImages`].
+    pub(super) fn check_images(scene: &DecoderScene, decoder: DecoderKind) -> Result<(), ReconstructionError> {
+        match scene.set.base_images() {
+            Some(found) if found < LEAST_IMAGES => {
+                Err(ReconstructionError::FewImages { decoder: decoder.name(), least: LEAST_IMAGES, found })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Refuses another scene than that of the training.
@@ -123,16 +149,17 @@ impl TrainingRecord {
         Err(ReconstructionError::other_scene(&self.set, scene.set.describe()))
     }
 
-    /// Refuses another field or mask than that of the training.
+    /// Refuses another field or mask than that of the training. A network for any mask serves the masks that
+    /// [`TrainingMasks::any`](super::TrainingMasks::any) trains for.
     ///
     /// # Errors
-    /// [`ReconstructionError::Shape`] for another field, [`ReconstructionError::OtherMask`].
+    /// [`ReconstructionError::Shape`] for another field, [`ReconstructionError::OtherMask`], [`ReconstructionError::BeyondTraining`].
     pub fn check_mask(&self, model: &ImagingModel) -> Result<(), ReconstructionError> {
         if model.field() != self.field {
             let (expected, found) = (self.field, model.field());
             return Err(ReconstructionError::shape("field", &[expected.0, expected.1], &[found.0, found.1]));
         }
-        if self.mask.serves(model) { Ok(()) } else { Err(ReconstructionError::OtherMask) }
+        self.mask.check(model)
     }
 }
 

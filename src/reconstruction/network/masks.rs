@@ -37,11 +37,13 @@ impl TrainingMasks {
     /// Any mask of lenslets on the grid of this one.
     ///
     /// # Errors
-    /// [`ReconstructionError::NoLenslets`] where it has no lenslets.
+    /// [`ReconstructionError::NoLenslets`] where it has no lenslets, [`ReconstructionError::Throughput`] where it loses or gains light, as
+    /// the random masks do not.
     pub fn any(encoder: &Encoder) -> Result<Self, ReconstructionError> {
-        match encoder.lenslets() {
-            Some(_) => Ok(Self::Any { psf: encoder.grid() }),
-            None => Err(ReconstructionError::NoLenslets { found: encoder.describe() }),
+        match (encoder.lenslets(), encoder.throughput_unless_unit()) {
+            (None, _) => Err(ReconstructionError::NoLenslets { found: encoder.describe() }),
+            (_, Some(throughput)) => Err(ReconstructionError::Throughput { throughput }),
+            (Some(_), None) => Ok(Self::Any { psf: encoder.grid() }),
         }
     }
 }
@@ -97,6 +99,8 @@ mod tests {
     fn any_mask_is_one_of_lenslets() {
         let lenslets = Encoder::Lenslets(crate::optics::heuristic_layout(3));
         assert!(matches!(TrainingMasks::any(&lenslets), Ok(TrainingMasks::Any { psf }) if psf == lenslets.grid()));
+        let sentence = TrainingMasks::any(&lenslets.with_throughput(0.5)).unwrap_err().to_string();
+        assert!(sentence.contains("expected a mask of throughput 1, found 0.5"), "{sentence}");
         let diffuser = Encoder::Diffuser(crate::optics::Diffuser::with_light_kept(8, 1));
         let sentence = TrainingMasks::any(&diffuser).unwrap_err().to_string();
         assert!(sentence.contains("expected a mask of lenslets, found diffuser, aperture 8 px"), "{sentence}");

@@ -8,6 +8,7 @@ use ndarray::{Array2, Axis};
 use super::*;
 use crate::information::{InMemory, Protocol};
 use crate::objects::{ObjectOptions, ObjectSet, ObjectSource};
+use crate::optics::{Diffuser, Encoder, heuristic_layout};
 use crate::progress::CancelToken;
 use crate::reconstruction::decoder::{Decoder, DecoderKind};
 use crate::reconstruction::error::ReconstructionError;
@@ -155,7 +156,18 @@ fn network_for_any_mask_serves_all_of_its_grid() {
         assert_eq!(prepared.reconstruct(measured.view(), &mut CancelToken::new()).unwrap().dim(), (2, 30, 36));
     }
     let wide = scene.model(Array2::from_elem((11, 11), 1.0 / 121.0).view().insert_axis(Axis(0))).unwrap();
-    assert!(matches!(decoder.prepare(&wide, &CancelToken::new()), Err(ReconstructionError::OtherMask)));
+    let refusal = |model: &ImagingModel| decoder.prepare(model, &CancelToken::new()).err().unwrap().to_string();
+    assert!(refusal(&wide).contains("on a grid of 9 x 9 px, found 11 x 11 px"), "{}", refusal(&wide));
+    // What training refuses, use refuses.
+    let lenslets = Encoder::Lenslets(heuristic_layout(3));
+    let diffuser = Encoder::Diffuser(Diffuser::with_light_kept(8, 1));
+    let two_points = model(&scene, (1, 6));
+    assert!(decoder.prepare(&two_points.clone().of_mask(&lenslets), &CancelToken::new()).is_ok());
+    for (mask, found) in [(diffuser, "found diffuser"), (lenslets.with_throughput(0.5), "lenslets, throughput 0.5;")] {
+        assert!(TrainingMasks::any(&mask).is_err());
+        let sentence = refusal(&two_points.clone().of_mask(&mask));
+        assert!(sentence.contains(found), "{sentence}");
+    }
     // Training for one mask begins there.
     let training = NetworkTraining { budget: TrainingBudget::Steps(1), seed: 4 };
     let masks = TrainingMasks::One(model(&scene, (1, 6)));
@@ -182,6 +194,31 @@ fn progress_is_reported_after_each_step_and_ends_training() {
     cancelled.cancel();
     let result = training.train(&scene, &masks, None, None, &cancelled, &mut CancelToken::new());
     assert!(matches!(result, Err(ReconstructionError::Cancelled)));
+}
+
+/// The state of each step is written while a training is at work, so that one whose program is killed resumes.
+#[test]
+fn a_killed_training_resumes_from_its_last_state() {
+    let scene = beads();
+    let masks = TrainingMasks::One(model(&scene, (1, 6)));
+    let training = NetworkTraining { budget: TrainingBudget::Steps(4), seed: 5 };
+    // It is always time for a state.
+    let (keeper, killed) = (InMemory::default(), InMemory::of_cancelled());
+    let mut at = |step: &TrainingStep| {
+        if step.steps == 3 {
+            killed.state.lock().unwrap().clone_from(&keeper.state.lock().unwrap());
+        }
+        ControlFlow::Continue(())
+    };
+    let whole = training.train(&scene, &masks, None, Some(&keeper), &CancelToken::new(), &mut at).unwrap();
+    let mut first = None;
+    let mut note = |step: &TrainingStep| {
+        first.get_or_insert(step.steps);
+        ControlFlow::Continue(())
+    };
+    let resumed = training.train(&scene, &masks, None, Some(&killed), &CancelToken::new(), &mut note).unwrap();
+    assert_eq!(first, Some(3));
+    assert!(resumed.weights == whole.weights);
 }
 
 #[test]

@@ -18,6 +18,7 @@ use crate::information::FitCheckpoint;
 use crate::nn::{Averaging, Optimizer, cosine_factor, ordered_sum};
 use crate::objects::{ObjectSet, Split};
 use crate::progress::{CancelToken, Progress};
+use crate::reconstruction::decoder::DecoderKind;
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::linear::Prior;
 use crate::reconstruction::protocol::DecoderScene;
@@ -128,6 +129,7 @@ impl NetworkTraining {
             TrainingMasks::Any { psf } => NetworkMask::Any { psf: *psf },
         };
         check_memory(scene.set.field(), BATCH)?;
+        TrainingRecord::check_images(scene, DecoderKind::Network)?;
         let seed = SeedStream::ReconstructionNetwork.derive(self.seed);
         let deviation = match start {
             Some(start) => {

@@ -17,6 +17,7 @@ use crate::information::{EngineChoice, FitCheckpoint};
 use crate::nn::{Averaging, Optimizer, Rule};
 use crate::objects::Split;
 use crate::progress::{CancelToken, Progress};
+use crate::reconstruction::decoder::DecoderKind;
 use crate::reconstruction::error::ReconstructionError;
 use crate::reconstruction::model::ImagingModel;
 use crate::reconstruction::network::{TrainingBudget, TrainingStep};
@@ -85,6 +86,7 @@ impl UnetTraining {
         let layers = Layers::new();
         let field = padded(model.field());
         check_memory(&layers, field)?;
+        TrainingRecord::check_images(scene, DecoderKind::Unet)?;
         let seed = SeedStream::ReconstructionNetwork.derive(self.seed);
         let of_training = (*scene.set).clone().of_training();
         let training = Objects::new((scene, model), (&of_training, Split::Train), seed)?;

@@ -101,7 +101,7 @@ impl ReconstructionComputation {
         let ReconstructionRequest { key, design, scene, optics, .. } = request;
         let forward = ForwardModel::of_objects(design, Arc::clone(&scene.set))?;
         let scene = DecoderScene::new(&forward, Protocol::Default)?;
-        let model = scene.model(optics.psf.slice(ndarray::s![..1, .., ..]))?;
+        let model = scene.model(optics.psf.slice(ndarray::s![..1, .., ..]))?.of_mask(&design.encoder);
         let prior = if key.decoder.needs().objects { Some(self.prior(&scene, cancel)?) } else { None };
         let network = (key.decoder == DecoderKind::Network).then(|| request.networks.fit(&scene, &model));
         let began = Instant::now();
