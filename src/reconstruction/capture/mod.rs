@@ -22,6 +22,8 @@ const LONGEST_SIDE_PX: usize = 4096;
 /// Least difference of two dark levels that is reported, DN and in standard deviations of the corners of the PSF.
 const LEAST_DARK_DIFFERENCE: f64 = 1.0;
 const DARK_DEVIATIONS: f64 = 5.0;
+/// Channels of colour images, as notices name them after the file.
+const COLOURS: [&str; 3] = [", red", ", green", ", blue"];
 /// Largest share of saturated pixels.
 const MOST_SATURATED: f64 = 0.5;
 
@@ -44,6 +46,14 @@ pub enum CaptureError {
         found: &'static str,
         /// Channels of the PSF.
         expected: &'static str,
+    },
+    /// A dark frame has colours that the capture does not have.
+    #[error("{path}: expected a grey dark frame, as {measurement} is grey, found colours; add ?channel=green to it")]
+    DarkColours {
+        /// File of the dark frame.
+        path: String,
+        /// File of the capture.
+        measurement: String,
     },
     /// A pixel is NaN or infinite.
     #[error("{path}: expected finite values, found {value} at row {row}, column {col}; repair or leave out that image")]
@@ -92,7 +102,7 @@ pub enum CaptureError {
         value: f32,
     },
     /// Nothing is left above the dark level.
-    #[error("{path}: expected light above the dark level of {dark}, found none; check --dark")]
+    #[error("{path}: expected light above the dark level of {}, found none; check --dark", rounded(*dark))]
     Dark {
         /// The file.
         path: String,
@@ -182,13 +192,24 @@ impl CaptureFiles {
         let darks = match &self.dark {
             Some(DarkLevel::File(path)) => {
                 let darks = channels_of(path, &mut notices)?;
-                (0..measured.len()).map(|channel| darks.get(channel).or(darks.first()).cloned()).collect()
+                match darks.as_slice() {
+                    [all] if measured.len() > 1 => {
+                        notices.push(format!("{}: the same dark frame for all channels", path.display()));
+                        vec![Some(all.clone()); measured.len()]
+                    }
+                    _ if darks.len() == measured.len() => darks.into_iter().map(Some).collect(),
+                    _ => {
+                        let (path, measurement) = (path.display().to_string(), self.measurement.display().to_string());
+                        return Err(CaptureError::DarkColours { path, measurement });
+                    }
+                }
             }
             _ => vec![None; measured.len()],
         };
         let mut channels = Vec::new();
-        for ((measured, psf), dark) in measured.into_iter().zip(psfs).zip(darks) {
-            channels.push(self.channel(measured, psf, dark, &mut notices)?);
+        let names: &[&str] = if measured.len() == 1 { &[""] } else { &COLOURS };
+        for (((measured, psf), dark), name) in measured.into_iter().zip(psfs).zip(darks).zip(names) {
+            channels.push(self.channel(measured, psf, dark, (name, &mut notices))?);
         }
         Ok(Capture { channels, notices })
     }
@@ -198,7 +219,7 @@ impl CaptureFiles {
         measured: PixelStack,
         psf: PixelStack,
         dark: Option<PixelStack>,
-        notices: &mut Vec<String>,
+        (name, notices): (&str, &mut Vec<String>),
     ) -> Result<CaptureChannel, CaptureError> {
         let (path, psf_path) = (self.measurement.display().to_string(), self.psf.display().to_string());
         if psf.pages != 1 {
@@ -212,26 +233,28 @@ impl CaptureFiles {
                 return Err(CaptureError::Saturated { path, percent, value });
             }
             notices.push(format!(
-                "{path}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"
+                "{path}{name}: {percent:.2} % of the pixels are saturated at {value} and count as not measured"
             ));
         }
         let white = psf.white;
         let mut spread = finite(psf, &self.psf)?;
         if let Some(Saturated { share, value }) = mark_saturated(&mut spread, white) {
             let percent = 100.0 * share;
-            notices
-                .push(format!("{psf_path}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"));
+            notices.push(format!(
+                "{psf_path}{name}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"
+            ));
             spread.mapv_inplace(|pixel| if pixel.is_nan() { value } else { pixel });
         }
-        let dark = dark.map(|dark| finite(dark, &self.psf)).transpose()?.and_then(|dark| dark.mean_axis(Axis(0)));
+        let dark_path = match &self.dark {
+            Some(DarkLevel::File(path)) => path.as_path(),
+            _ => Path::new(""),
+        };
+        let dark = dark.map(|dark| finite(dark, dark_path)).transpose()?.and_then(|dark| dark.mean_axis(Axis(0)));
         let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
         if let Some(dark) = dark.as_ref().filter(|dark| dark.dim() != (rows, cols)) {
             let expected = format!("{rows} x {cols} px, as the capture");
             let (rows, cols) = dark.dim();
-            let path = match &self.dark {
-                Some(DarkLevel::File(path)) => path.display().to_string(),
-                _ => String::new(),
-            };
+            let path = dark_path.display().to_string();
             return Err(CaptureError::Size {
                 path,
                 expected,
@@ -251,13 +274,16 @@ impl CaptureFiles {
             && (level - corners.median).abs() > most_apart
         {
             notices.push(format!(
-                "{}: its mean is {level:.1} DN, the corners of the PSF have {:.1} DN; check that both have the same black level",
+                "{}{name}: its mean is {level:.1} DN, the corners of the PSF have {:.1} DN; check that both have the same black level",
                 path.display(),
                 corners.median
             ));
         }
         if self.dark.is_none() && level != 0.0 {
-            notices.push(format!("{psf_path}: dark level of {level} from the corners of the PSF; --dark sets another"));
+            let level = rounded(level);
+            notices.push(format!(
+                "{psf_path}{name}: dark level of {level} from the corners of the PSF; --dark sets another"
+            ));
         }
         subtract(&mut light, dark.as_ref(), level);
         let same_camera = dark.as_ref().filter(|dark| dark.dim() == (spread.len_of(Axis(1)), spread.len_of(Axis(2))));
@@ -268,7 +294,12 @@ impl CaptureFiles {
         let (rows, cols) = (light.len_of(Axis(1)), light.len_of(Axis(2)));
         if rows.max(cols) > LONGEST_SIDE_PX || rows.min(cols) < SHORTEST_SIDE_PX {
             let expected = format!("{SHORTEST_SIDE_PX} to {LONGEST_SIDE_PX} px a side");
-            return Err(CaptureError::Size { path, expected, rows, cols, advice: "change --bin" });
+            let advice = match self.bin {
+                _ if rows.max(cols) > LONGEST_SIDE_PX => "raise --bin",
+                0..=1 => "choose a larger image",
+                _ => "lower --bin",
+            };
+            return Err(CaptureError::Size { path, expected, rows, cols, advice });
         }
         if rows < spread.nrows() || cols < spread.ncols() {
             let expected = format!("at least the {} x {} px of the PSF", spread.nrows(), spread.ncols());
@@ -291,6 +322,13 @@ impl CaptureFiles {
             noise: Noise::ShotRead { sigma: noise.read_sigma },
         })
     }
+}
+
+/// A grey value of four digits.
+fn rounded(level: f64) -> String {
+    let digits = (3.0 - level.abs().max(1e-6).log10().floor()).clamp(0.0, 9.0) as usize;
+    let text = format!("{level:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// Images of a file, one stack for each channel: grey, or red, green and blue where the path chooses none.

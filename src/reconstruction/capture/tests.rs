@@ -19,6 +19,10 @@ fn the_dark_level_of_the_corners_is_subtracted_from_both() {
     let scratch = Scratch::new();
     let measured = scratch.write("y.npy", &[40, 48], |index| 60.5 + (index % 7) as f32);
     let capture = files(measured, psf_in(&scratch)).open().unwrap();
+    assert_eq!(
+        [139.204_193_115_234_38, 10.0, -5.0, 0.012_345, 65_535.0].map(rounded),
+        ["139.2", "10", "-5", "0.01235", "65535"]
+    );
     let [channel] = &capture.channels[..] else { panic!() };
     let light = channel.measurements.mapv(|value| f64::from(value) * channel.gain);
     assert!((light[(0, 0, 3)] - 53.5).abs() < 1e-3, "{}", light[(0, 0, 3)]);
@@ -54,6 +58,26 @@ fn colours_are_read_channel_by_channel() {
 }
 
 #[test]
+fn notices_name_the_channel_and_dark_frames_have_the_colours_of_the_capture() {
+    let scratch = Scratch::new();
+    let measured = scratch.write("y.npy", &[40, 40, 3], |index| 50.5 + (index % 3) as f32);
+    let psf = scratch.write("psf.npy", &[32, 32, 3], |index| if index / 3 == 500 { 900.0 } else { 2.0 });
+    let capture = files(measured.clone(), psf.clone()).open().unwrap();
+    for name in ["red", "green", "blue"] {
+        let part = format!("psf.npy, {name}: dark level of 2 from");
+        assert!(capture.notices.iter().any(|notice| notice.contains(&part)), "{part} in {:?}", capture.notices);
+    }
+    let grey = scratch.write("grey.npy", &[40, 40], |_| 2.0);
+    let of_all = CaptureFiles { dark: Some(DarkLevel::File(grey)), ..files(measured.clone(), psf) };
+    assert!(
+        of_all.open().unwrap().notices.iter().any(|notice| notice.contains("the same dark frame for all channels"))
+    );
+    let grey = scratch.write("z.npy", &[40, 40], |index| 60.5 + (index % 3) as f32);
+    let colours = CaptureFiles { dark: Some(DarkLevel::File(measured)), ..files(grey, psf_in(&scratch)) };
+    assert!(refusal(&colours).contains("y.npy: expected a grey dark frame"), "{}", refusal(&colours));
+}
+
+#[test]
 fn dark_frames_of_another_level_than_the_psf_are_reported() {
     let scratch = Scratch::new();
     let measured = scratch.write("y.npy", &[40, 48], |index| 160.5 + (index % 7) as f32);
@@ -85,7 +109,11 @@ fn captures_that_cannot_be_used_are_refused() {
         bin: 32,
         ..files(scratch.write("wide.npy", &[40, 40], |index| 50.0 + (index % 3) as f32), psf.clone())
     };
-    assert!(refusal(&pixel).contains("expected 2 to 4096 px a side, found 1 x 1 px; change --bin"));
+    assert!(refusal(&pixel).contains("expected 2 to 4096 px a side, found 1 x 1 px; lower --bin"));
+    let pixel = scratch.write("pixel.npy", &[1, 1], |_| 50.0);
+    let one = scratch.write("one.npy", &[1, 1], |_| 50.0);
+    let files_of_one = CaptureFiles { dark: Some(DarkLevel::Constant(1.0)), ..files(pixel, one) };
+    assert!(refusal(&files_of_one).contains("found 1 x 1 px; choose a larger image"));
     let frame = scratch.write("frame.npy", &[20, 20], |_| 3.0);
     let files = CaptureFiles { dark: Some(DarkLevel::File(frame)), ..files(dark, psf) };
     assert!(refusal(&files).contains("expected 40 x 40 px, as the capture, found 20 x 20"));
