@@ -13,6 +13,8 @@ use super::decoder::{Decoder, DecoderKind, ObjectEstimates, PreparedDecoder, Rec
 use super::error::ReconstructionError;
 use super::model::ImagingModel;
 use super::one_by_one::report as report_to;
+use crate::formats::FormatError;
+use crate::information::InformationError;
 use crate::progress::{CancelToken, Progress};
 
 /// Bytes of a hash.
@@ -20,7 +22,8 @@ const HASH: usize = blake3::OUT_LEN;
 
 /// A decoder that saves its estimates in a file as soon as they are made. Those that are there already are read instead.
 ///
-/// A file of other settings is replaced. Where the file cannot be written, estimates are made as without it.
+/// A file of other settings is replaced. Where the file cannot be written, estimates are made as without it; when they are stopped, the
+/// error is that of the file.
 pub struct SavingDecoder {
     decoder: Box<dyn Decoder>,
     file: PathBuf,
@@ -45,43 +48,54 @@ impl Decoder for SavingDecoder {
         cancel: &CancelToken,
     ) -> Result<Box<dyn PreparedDecoder>, ReconstructionError> {
         let prepared = self.decoder.prepare(model, cancel)?;
-        let file = EstimateFile::open(&self.file, &self.settings, model.field()).ok();
-        Ok(Box::new(SavedEstimates { prepared, field: model.field(), file: Mutex::new(file) }))
+        let saved = match EstimateFile::open(&self.file, &self.settings, model.field()) {
+            Ok(file) => Saved { file: Some(file), failure: None },
+            Err(reason) => Saved { file: None, failure: Some(reason) },
+        };
+        let (path, field) = (self.file.clone(), model.field());
+        Ok(Box::new(SavedEstimates { prepared, path, field, saved: Mutex::new(saved) }))
     }
 }
 
 struct SavedEstimates {
     prepared: Box<dyn PreparedDecoder>,
+    path: PathBuf,
     field: (usize, usize),
-    /// None where it cannot be written.
-    file: Mutex<Option<EstimateFile>>,
+    saved: Mutex<Saved>,
+}
+
+struct Saved {
+    /// None where it cannot be opened.
+    file: Option<EstimateFile>,
+    /// Why the last estimates are in no file.
+    failure: Option<io::Error>,
 }
 
 impl SavedEstimates {
     /// Saved estimates of measurements, in their order.
     fn saved(&self, keys: &[[u8; HASH]]) -> Vec<Option<Estimate>> {
-        let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
-        keys.iter().map(|key| file.as_mut()?.read(key).ok().flatten()).collect()
+        let mut saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
+        keys.iter().map(|key| saved.file.as_mut()?.read(key).ok().flatten()).collect()
     }
 
     fn save(&self, key: [u8; HASH], estimate: &Estimate) {
-        if let Some(file) = self.file.lock().unwrap_or_else(PoisonError::into_inner).as_mut() {
-            // An estimate that a full disk does not take is made again after a stop.
-            let _ = file.append(key, estimate);
+        let mut saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
+        // An estimate that a full disk does not take is made again after a stop.
+        if let Some(Err(reason)) = saved.file.as_mut().map(|file| file.append(key, estimate)) {
+            saved.failure = Some(reason);
         }
     }
-}
 
-impl PreparedDecoder for SavedEstimates {
-    fn reconstruct(
-        &self,
-        measurements: ArrayView3<'_, f32>,
-        progress: &mut dyn Progress<ReconstructionStep>,
-    ) -> Result<Array3<f32>, ReconstructionError> {
-        Ok(self.estimate(measurements, progress)?.objects)
+    /// The error of a stop: that of the file where it does not hold all estimates.
+    fn stopped(&self) -> ReconstructionError {
+        let failure = self.saved.lock().unwrap_or_else(PoisonError::into_inner).failure.take();
+        failure.map_or(ReconstructionError::Cancelled, |reason| {
+            InformationError::from(FormatError::from_write(&self.path, reason)).into()
+        })
     }
 
-    fn estimate(
+    /// Estimates of measurements: saved ones, and others, which are saved.
+    fn complete(
         &self,
         measurements: ArrayView3<'_, f32>,
         progress: &mut dyn Progress<ReconstructionStep>,
@@ -119,6 +133,27 @@ impl PreparedDecoder for SavedEstimates {
         }
         let expected_mse = estimates.iter().flatten().map(|estimate| estimate.expected_mse).collect();
         Ok(ObjectEstimates { objects, expected_mse })
+    }
+}
+
+impl PreparedDecoder for SavedEstimates {
+    fn reconstruct(
+        &self,
+        measurements: ArrayView3<'_, f32>,
+        progress: &mut dyn Progress<ReconstructionStep>,
+    ) -> Result<Array3<f32>, ReconstructionError> {
+        Ok(self.estimate(measurements, progress)?.objects)
+    }
+
+    fn estimate(
+        &self,
+        measurements: ArrayView3<'_, f32>,
+        progress: &mut dyn Progress<ReconstructionStep>,
+    ) -> Result<ObjectEstimates, ReconstructionError> {
+        self.complete(measurements, progress).map_err(|error| match error {
+            ReconstructionError::Cancelled => self.stopped(),
+            error => error,
+        })
     }
 
     fn standard_deviation(
@@ -360,5 +395,14 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (found, made) = estimate(folder.path(), "a");
         assert!(is_right(&found) && made == 12, "{made}");
+    }
+
+    #[test]
+    fn stop_without_a_file_of_the_estimates_is_the_error_of_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (prepared, _) = prepare(folder.path(), "a");
+        let mut stop = |_: &ReconstructionStep| ControlFlow::Break(());
+        let error = prepared.estimate(measurements().view(), &mut stop).err().unwrap().to_string();
+        assert!(error.contains(&*folder.path().to_string_lossy()), "{error}");
     }
 }
