@@ -15,7 +15,7 @@ use crate::evaluation::measured_source::MeasuredSource;
 use crate::evaluation::measured_view::View;
 use crate::evaluation::pixel_calibration::{Origins, PixelCalibration};
 use crate::evaluation::progress::{EstimateProgress, report_step, report_understood};
-use crate::formats::{FormatError, GreyValues, ImageSummary, bits_of, image_files};
+use crate::formats::{FormatError, GreyValues, ImageSummary, bits_of, image_files, no_images};
 use crate::plural::{counted, one_or_many};
 use crate::progress::Progress;
 use crate::sensor::Noise;
@@ -254,7 +254,7 @@ fn read_images(
         }
     }
     let (Some(photons), Some(understood)) = (photons, understood) else {
-        return Err(MeasuredError::TooFewImages { path: path.to_path_buf(), found: 0 });
+        return Err(no_images(path).into());
     };
     Ok(ConvertedImages { photons, values, understood, colour, planes })
 }

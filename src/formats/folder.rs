@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::{FormatError, ImageFile};
+use crate::plural::counted;
 
 /// Extensions of files that hold images.
 const ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "npy", "npz"];
@@ -33,6 +34,20 @@ pub fn image_files(named: &Path) -> Result<Vec<ImageFile>, FormatError> {
     Ok(files.into_iter().map(|path| ImageFile { path, meaning: place.meaning.clone() }).collect())
 }
 
+/// The error of a folder without images. It names folders in it, which may hold them.
+pub fn no_images(folder: &Path) -> FormatError {
+    let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ images";
+    let entries = ImageFile::find(folder).ok().and_then(|place| std::fs::read_dir(place.path).ok());
+    let folders = entries.into_iter().flatten().filter(|entry| entry.as_ref().is_ok_and(|entry| entry.path().is_dir()));
+    match folders.count() {
+        0 => FormatError::malformed(folder, expected, "none", "choose a folder with images"),
+        count => {
+            let found = format!("none, but {}", counted(count, "folder"));
+            FormatError::malformed(folder, expected, found, "choose one of the folders in it")
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,5 +65,13 @@ mod tests {
         assert_eq!(names, ["a.tif", "b.PNG"]);
         assert!(files.iter().all(|file| file.meaning.frame == Some(2)));
         assert_eq!(image_files(&files[0].path).unwrap()[0].path, files[0].path);
+    }
+    #[test]
+    fn folders_in_a_folder_without_images_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let said = || no_images(folder.path()).to_string();
+        assert!(said().contains("found none; choose a folder with images"), "{}", said());
+        std::fs::create_dir(folder.path().join("monday")).unwrap();
+        assert!(said().contains("found none, but 1 folder; choose one of the folders in it"), "{}", said());
     }
 }

@@ -47,7 +47,7 @@ pub use document::{DocumentKind, Listed, Mismatch, content_key, json_of};
 pub use document_folder::{DocumentFolder, FoundDocuments};
 pub(crate) use drawing_font::{DRAWING_FONT, use_drawing_font};
 pub use error::FormatError;
-pub use folder::image_files;
+pub use folder::{image_files, no_images};
 pub use grey_values::{GreyValues, Saturated, Wrapped};
 pub use idx::read_idx;
 pub use image_file::{Channel, FrameAxis, ImageFile, Meaning, PathOption, path_text, split_end, split_kind};

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::formats::{FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Samples, image_files};
+use crate::formats::{FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Samples, image_files, no_images};
 use crate::plural::{counted, one_or_many};
 use crate::progress::Progress;
 
@@ -105,10 +105,8 @@ pub(super) fn load(
     }
     report_read(progress, &ReadProgress::files(files.len(), files.len()))?;
     if items.is_empty() {
-        let found = match unreadable.first() {
-            None => "none".into(),
-            Some(first) => format!("{}, the first: {first}", counted(unreadable.len(), "unreadable one")),
-        };
+        let Some(first) = unreadable.first() else { return Err(no_images(path).into()) };
+        let found = format!("{}, the first: {first}", counted(unreadable.len(), "unreadable one"));
         let expected = "PNG, JPEG, TIFF, BMP, NPY or NPZ images";
         return Err(FormatError::malformed(path, expected, found, "choose a folder with images").into());
     }

@@ -201,7 +201,7 @@ fn what_cannot_be_estimated_gets_one_sentence() {
         ("beads:0.02", "expected a file or folder of images"),
         ("none.npy", "none.npy"),
         ("one.npy", "one.npy: expected 2 or more images, found 1 image"),
-        ("empty", "empty: expected 2 or more images, found 0 images"),
+        ("empty", "empty: expected PNG, JPEG, TIFF, BMP, NPY or NPZ images, found none"),
         ("broken.npy", "NaN in image 2, row 0, column 1"),
         ("mixed", "20 x 24 px"),
         ("depths", "b.png: expected grey levels of 8 bits, as in the files before it, found 16 bits"),
