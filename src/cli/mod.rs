@@ -18,6 +18,7 @@ mod optimize_runs;
 mod optimize_starts;
 mod output;
 mod reconstruct;
+mod reconstruct_folder;
 mod reconstruct_network;
 mod reproduce;
 #[cfg(test)]

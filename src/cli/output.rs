@@ -34,17 +34,40 @@ pub struct ProgressLine {
     bar: ProgressBar,
     /// Elapsed minutes at the last line.
     minutes: AtomicU64,
+    unit: Unit,
+}
+
+/// What a progress line counts.
+#[derive(Clone, Copy, PartialEq)]
+enum Unit {
+    /// Steps: "120 of 1600".
+    Steps,
+    /// Hundredths: "40 %".
+    Percent,
 }
 
 impl ProgressLine {
     /// A progress line at zero.
     pub fn new() -> Self {
+        Self::of("{bar:20} {pos}/{len} {elapsed} {wide_msg}", Unit::Steps)
+    }
+
+    /// A progress line at zero that counts per cent, for [`ProgressLine::show_share`].
+    pub fn of_percent() -> Self {
+        Self::of("{bar:20} {pos} % {elapsed} {wide_msg}", Unit::Percent)
+    }
+
+    fn of(template: &str, unit: Unit) -> Self {
         let bar = ProgressBar::new(1).with_style(
-            // The template is fixed and valid.
-            ProgressStyle::with_template("{bar:20} {pos}/{len} {elapsed} {wide_msg}")
-                .unwrap_or_else(|_| ProgressStyle::default_bar()),
+            // The templates are fixed and valid.
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
         );
-        Self { bar, minutes: AtomicU64::new(0) }
+        Self { bar, minutes: AtomicU64::new(0), unit }
+    }
+
+    /// Shows a share of the work, 0 to 1, and the current activity.
+    pub fn show_share(&self, share: f64, message: &str) {
+        self.show((100.0 * share) as usize, 100, message);
     }
 
     /// Shows `done` of `total` steps and the current activity.
@@ -53,7 +76,7 @@ impl ProgressLine {
             let elapsed = self.bar.elapsed();
             let minutes = elapsed.as_secs() / 60;
             if self.minutes.fetch_max(minutes, Ordering::Relaxed) < minutes {
-                report(line(elapsed, done, total, message));
+                report(line(elapsed, &self.unit.text(done, total), message));
             }
             return;
         }
@@ -73,8 +96,17 @@ impl ProgressLine {
     }
 }
 
-fn line(elapsed: Duration, done: usize, total: usize, message: &str) -> String {
-    format!("{}: {done} of {total}{}{message}", format_duration(elapsed), if message.is_empty() { "" } else { "; " })
+impl Unit {
+    fn text(self, done: usize, total: usize) -> String {
+        match self {
+            Self::Steps => format!("{done} of {total}"),
+            Self::Percent => format!("{done} %"),
+        }
+    }
+}
+
+fn line(elapsed: Duration, done: &str, message: &str) -> String {
+    format!("{}: {done}{}{message}", format_duration(elapsed), if message.is_empty() { "" } else { "; " })
 }
 
 fn write_to(writer: &mut dyn Write, text: &str) -> Result<(), Failure> {
@@ -95,9 +127,10 @@ mod tests {
 
     #[test]
     fn progress_lines_hold_time_and_count() {
-        let text = |message| line(Duration::from_secs(190), 120, 1600, message);
-        assert_eq!(text("9 lenslets"), "3 min: 120 of 1600; 9 lenslets");
-        assert_eq!(text(""), "3 min: 120 of 1600");
+        let text = |unit: Unit, message| line(Duration::from_secs(190), &unit.text(12, 1600), message);
+        assert_eq!(text(Unit::Steps, "9 lenslets"), "3 min: 12 of 1600; 9 lenslets");
+        assert_eq!(text(Unit::Steps, ""), "3 min: 12 of 1600");
+        assert_eq!(text(Unit::Percent, "Training"), "3 min: 12 %; Training");
     }
 
     struct Broken(io::ErrorKind);

@@ -9,11 +9,12 @@ use clap::Args;
 use ndarray::{Array3, Array4, Axis};
 use serde::Serialize;
 
-use super::choices::{about_objects, check_count, check_folder, names_of};
+use super::choices::{about_objects, check_count, names_of};
 use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
+use super::reconstruct_folder::{OutFolder, remove_later_images};
 use super::reconstruct_network::{NetworkArgs, NetworkResult, settings_key};
 use super::stop::{StopSignal, is_stopped};
 use crate::formats::remove_if_there;
@@ -30,7 +31,8 @@ use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, Reconstructi
 const TEST_OBJECTS: std::ops::RangeInclusive<usize> = 2..=1_000_000;
 /// Sweeps of Markov chains.
 const SWEEPS: std::ops::RangeInclusive<usize> = 1..=1_000_000;
-/// Most examples.
+/// Examples where their number is not given, and most.
+const EXAMPLES: usize = 4;
 const MOST_EXAMPLES: usize = 1000;
 /// Largest side of squares that are averaged, px.
 const LARGEST_BIN: usize = 64;
@@ -44,12 +46,6 @@ pub struct Arguments {
     #[command(flatten)]
     scene: SceneArgs,
 
-    #[command(flatten)]
-    capture: CaptureArgs,
-
-    #[command(flatten)]
-    network: NetworkArgs,
-
     /// Decoder [default: linear; of a capture tv].
     #[arg(long, value_enum)]
     decoder: Option<DecoderKind>,
@@ -62,7 +58,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 500, conflicts_with = "measurement")]
     test: usize,
 
-    /// Folder for reconstructions.npy and images; created if missing.
+    /// Folder for reconstructions.npy, images and networks; created if missing. Without it nothing is saved.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
 
@@ -70,13 +66,19 @@ pub struct Arguments {
     #[arg(long, value_name = "N", conflicts_with = "measurement")]
     sweeps: Option<usize>,
 
-    /// Test objects that are also written as images: truth, measurement, reconstruction, error.
-    #[arg(long, default_value_t = 4, requires = "out", conflicts_with = "measurement")]
-    examples: usize,
+    /// Test objects that are also written into --out as images: truth, measurement, reconstruction, error [default: 4].
+    #[arg(long, value_name = "N", conflicts_with = "measurement")]
+    examples: Option<usize>,
 
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+
+    #[command(flatten)]
+    capture: CaptureArgs,
+
+    #[command(flatten)]
+    network: NetworkArgs,
 }
 
 /// A real capture in place of a design.
@@ -95,7 +97,7 @@ struct CaptureArgs {
     psf: Option<PathBuf>,
 
     /// Grey value (DN) without light, or a capture without light [default: the corners of the PSF].
-    #[arg(long, value_name = "DN or FILE", requires = "measurement")]
+    #[arg(long, value_name = "DN or FILE", requires = "measurement", allow_negative_numbers = true)]
     dark: Option<DarkLevel>,
 
     /// Average squares of this side, of capture and PSF alike.
@@ -105,24 +107,36 @@ struct CaptureArgs {
 
 /// Result for a design.
 #[derive(Serialize)]
-struct TestResult {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct TestResult {
+    /// Description of the mask.
     encoder: String,
+    /// The objects as on the command line.
     objects: String,
+    /// Fingerprint of the objects.
     objects_fingerprint: String,
+    /// Noise of the measurements.
     noise: String,
     #[serde(flatten)]
     quality: DecoderQuality,
+    /// Networks that were trained or read; absent for other decoders.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     trained: Vec<NetworkResult>,
+    /// What is odd about the result.
     notices: Vec<String>,
+    /// Written files.
     files: Vec<String>,
 }
 
 /// Result for a capture.
 #[derive(Serialize)]
-struct CaptureResult {
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct CaptureResult {
+    /// The decoder.
     decoder: DecoderKind,
+    /// File of the capture.
     measurement: String,
+    /// File of the photograph of the PSF.
     psf: String,
     /// Frames, rows and columns after binning.
     measurement_shape: [usize; 3],
@@ -134,8 +148,11 @@ struct CaptureResult {
     gain: Vec<f64>,
     /// Estimated read noise of each channel, photons.
     read_noise: Vec<f64>,
+    /// Seconds of reading and reconstruction.
     seconds: f64,
+    /// How the files were read, and what was changed.
     notices: Vec<String>,
+    /// Written files.
     files: Vec<String>,
 }
 
@@ -150,29 +167,62 @@ impl Arguments {
         match (result, &self.out) {
             (Err(Failure::Input(error)), Some(out)) if is_stopped(&error) => {
                 // The scheduler or a person asked to stop. Trained networks and slow estimates are kept.
-                output::report(format_args!("{}: stopped; the same command resumes it", out.display()));
+                let resumes = self.keeps_state();
+                let outcome = if resumes { "the same command resumes it" } else { "nothing was saved" };
+                output::report(format_args!("{}: stopped; {outcome}", out.display()));
+                if !resumes {
+                    stop.end_program();
+                }
                 Ok(())
             }
             (result, _) => result,
         }
     }
 
-    fn test_design(&self, stop: &StopSignal) -> Result<(), Failure> {
+    /// Whether the same command resumes a stopped test: of networks that are trained, and of slow estimates. Both are in the folder.
+    fn keeps_state(&self) -> bool {
+        let kind = self.decoder.unwrap_or_default();
+        let is_test = self.out.is_some() && self.capture.measurement.is_none();
+        is_test && (self.network.trains(kind) || self.is_slow(kind))
+    }
+
+    /// Whether estimates take longer than writing them.
+    fn is_slow(&self, kind: DecoderKind) -> bool {
+        self.sweeps.is_some() || !(kind.needs().objects || kind.needs().training)
+    }
+
+    /// Refuses numbers that are out of range, and flags that do not fit each other.
+    fn check(&self, kind: DecoderKind) -> anyhow::Result<()> {
+        if self.test < *TEST_OBJECTS.start() {
+            anyhow::bail!(
+                "--test {}: expected 2 to {}; raise it, as fewer have no interval",
+                self.test,
+                TEST_OBJECTS.end()
+            );
+        }
         check_count("--test", self.test, TEST_OBJECTS)?;
         self.sweeps.map_or(Ok(()), |sweeps| check_count("--sweeps", sweeps, SWEEPS))?;
-        check_count("--examples", self.examples, 0..=MOST_EXAMPLES)?;
-        let design = self.design.design(&self.scene)?;
-        if let Some(out) = &self.out {
-            check_folder(out)?;
-            self.design.check_inputs_stay(&[out.join(RECONSTRUCTIONS_FILE)], &design)?;
-            check_inputs_stay(&self.network.inputs(), &[out.join(RECONSTRUCTIONS_FILE)], ("--out", None))?;
+        if let Some(examples) = self.examples {
+            check_count("--examples", examples, 0..=MOST_EXAMPLES)?;
+            if self.out.is_none() {
+                anyhow::bail!("--examples: expected a folder for the images, found none; add --out DIR");
+            }
         }
-        let kind = self.decoder.unwrap_or_default();
         self.network.check(kind)?;
         if self.sweeps.is_some() && kind != DecoderKind::Posterior {
-            return Err(
-                anyhow::anyhow!("--sweeps: expected --decoder posterior, found {kind}; leave --sweeps out").into()
-            );
+            anyhow::bail!("--sweeps: expected --decoder posterior, found {kind}; leave --sweeps out");
+        }
+        Ok(())
+    }
+
+    fn test_design(&self, stop: &StopSignal) -> Result<(), Failure> {
+        let kind = self.decoder.unwrap_or_default();
+        self.check(kind)?;
+        let design = self.design.design(&self.scene)?;
+        let mut folder = self.out.as_deref().map(OutFolder::open).transpose()?;
+        if let Some(out) = &self.out {
+            self.design.check_inputs_stay(&[out.join(RECONSTRUCTIONS_FILE)], &design)?;
+            check_inputs_stay(&self.network.inputs(), &[out.join(RECONSTRUCTIONS_FILE)], ("--out", None))?;
         }
         let forward = ForwardModel::open(&design).map_err(|error| about_objects(&design, error.into()))?;
         if let Some(understood) = forward.set.understood() {
@@ -180,7 +230,7 @@ impl Arguments {
         }
         let scene = DecoderScene::new(&forward, self.protocol)?;
         let psf = forward.psf(&design)?;
-        let model = scene.model(psf.view())?;
+        let model = scene.model(psf.view())?.of_mask(&design.encoder);
         let trained = if kind.needs().training {
             Some(self.network.networks(kind, (&scene, &model), &design, (self.out.as_deref(), stop))?)
         } else {
@@ -200,11 +250,14 @@ impl Arguments {
         };
         let (rows, cols) = scene.set.field();
         let shape = [self.test, rows, cols];
+        let examples = self.examples.unwrap_or(EXAMPLES);
+        // The writer has a lock of its own.
+        folder.iter_mut().for_each(OutFolder::unlock);
         let mut writer = self.out.as_ref().map(|out| ReconstructionWriter::create(out, &shape)).transpose()?;
         let mut write = |part: &Evaluated<'_>| {
             let Some(writer) = &mut writer else { return Ok(()) };
             writer.append(part.reconstructions.into_dyn())?;
-            for index in 0..part.quality.len().min(self.examples.saturating_sub(part.first)) {
+            for index in 0..part.quality.len().min(examples.saturating_sub(part.first)) {
                 let example = ReconstructionExample {
                     truth: part.test.objects.index_axis(Axis(0), index),
                     measurement: part.test.measurements.index_axis(Axis(0), index),
@@ -234,6 +287,8 @@ impl Arguments {
         }
         files.extend(trained.iter().flat_map(|trained| trained.files.clone()));
         let networks = trained.iter().flat_map(|trained| &trained.networks);
+        let mut notices = notices_of(&design, &scene.set)?;
+        notices.extend(scene.notices(&quality));
         let result = TestResult {
             trained: networks.map(NetworkResult::from).collect(),
             encoder: design.encoder.describe(),
@@ -241,7 +296,7 @@ impl Arguments {
             objects_fingerprint: scene.set.fingerprint(),
             noise: scene.noise.to_string(),
             quality,
-            notices: notices_of(&design, &scene.set)?,
+            notices,
             files: names_of(&files),
         };
         if self.json {
@@ -255,8 +310,7 @@ impl Arguments {
 
     /// File of the estimates of a decoder and the key of its settings, where estimates take longer than writing them.
     fn estimates_file(&self, kind: DecoderKind, scene: &DecoderScene, design: &Design) -> Option<(PathBuf, String)> {
-        let is_slow = self.sweeps.is_some() || !(kind.needs().objects || kind.needs().training);
-        let out = self.out.as_ref().filter(|_| is_slow)?;
+        let out = self.out.as_ref().filter(|_| self.is_slow(kind))?;
         let settings = settings_key(kind, (scene, design), [("sweeps", self.sweeps.into())]);
         let name = settings.get(..8).unwrap_or_default();
         Some((out.join(format!("estimates-{name}.state")), settings))
@@ -267,22 +321,28 @@ impl Arguments {
         // The flag is required with --measurement.
         let psf = self.capture.psf.clone().unwrap_or_default();
         let kind = self.decoder.unwrap_or(DecoderKind::TotalVariation);
-        if kind.needs().training {
+        if kind.needs().training || kind.needs().objects {
             return Err(anyhow::anyhow!(
-                "--decoder: expected tv, found {kind}, which is trained for a design; choose tv"
+                "--decoder: expected one for a capture alone, found {kind}, which needs objects; choose tv or richardson-lucy"
             )
             .into());
         }
         let decoder = kind.decoder(None, None)?;
         let files = CaptureFiles { measurement, psf, dark: self.capture.dark.clone(), bin: self.capture.bin };
+        let mut folder = self.out.as_deref().map(OutFolder::open).transpose()?;
         if let Some(out) = &self.out {
-            check_folder(out)?;
-            let inputs = [files.measurement.clone(), files.psf.clone()];
+            let mut inputs = vec![files.measurement.clone(), files.psf.clone()];
+            if let Some(DarkLevel::File(dark)) = &files.dark {
+                inputs.push(dark.clone());
+            }
             check_inputs_stay(&inputs, &[out.join(RECONSTRUCTIONS_FILE)], ("--out", None))?;
         }
         let started = Instant::now();
         let Capture { channels, notices } = files.open()?;
         notices.iter().for_each(output::report);
+        if self.out.is_none() {
+            output::report("the reconstruction is in no file: add --out DIR to keep it");
+        }
         let progress_line = ProgressLine::new();
         let mut objects = Vec::new();
         let mut corner = (0, 0);
@@ -307,6 +367,7 @@ impl Arguments {
         }
         let mut written = Vec::new();
         if let Some(out) = &self.out {
+            folder.iter_mut().for_each(OutFolder::unlock);
             let mut writer = ReconstructionWriter::create(out, &object_shape)?;
             writer.append(objects.view().into_dyn())?;
             for (frame, (object, measured)) in objects.outer_iter().zip(measured.outer_iter()).enumerate() {
@@ -314,6 +375,9 @@ impl Arguments {
                 writer.image(&format!("measurement-{}", frame + 1), measured)?;
             }
             written = writer.finish()?;
+            for name in ["reconstruction", "measurement"] {
+                remove_later_images(out, name, objects.len_of(Axis(0)))?;
+            }
         }
         let (frames, rows, cols, _) = measured.dim();
         let result = CaptureResult {

@@ -1,36 +1,32 @@
 //! Networks of `reconstruct --decoder network` and `unet`: trained for the design, or read from files.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use clap::Args;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::choices::{BudgetChoice, check_count};
 use super::failure::Failure;
 use super::output::{self, ProgressLine};
+use super::reconstruct_folder::{NetworkFolder, StateFile};
 use super::stop::StopSignal;
-use crate::formats::{DocumentKind, content_key, json_of, read_bytes, remove_if_there, write_safely};
+use crate::formats::{content_key, json_of, read_bytes, remove_if_there, write_safely};
 use crate::forward::Design;
-use crate::information::{EngineChoice, FitCheckpoint, FitFile, NUMBERS_VERSION};
+use crate::information::{EngineChoice, FitCheckpoint, FitFile, InformationError, NUMBERS_VERSION};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, TrainedDecoder, TrainingBudget,
-    TrainingMasks, TrainingPoint, TrainingStep,
+    DecoderKind, DecoderScene, DecoderTraining, ImagingModel, LARGEST_WEIGHTS, ReconstructionError, TrainedDecoder,
+    TrainingBudget, TrainingMasks, TrainingPoint, TrainingStep,
 };
 
-/// The kind of the file of settings.
-const SETTINGS: DocumentKind = DocumentKind::new("lenslet-studio/networks", "settings of trained networks");
-/// Its name.
-const SETTINGS_FILE: &str = "networks.json";
 /// Most networks.
 const MOST_NETWORKS: usize = 100;
 /// Most steps of a training.
 const MOST_STEPS: usize = 100_000_000;
 /// Budget where none is given, seconds.
 const BUDGET_SECONDS: f64 = 60.0;
-/// Parts of the budget that the progress line counts.
-const PARTS: f64 = 1000.0;
 
 /// Arguments of trained networks.
 #[derive(Args, Debug)]
@@ -63,15 +59,22 @@ pub struct NetworkArgs {
 
 /// Training of one network, for the result.
 #[derive(Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct NetworkResult {
+    /// Seed of the training.
     seed: u64,
+    /// Steps of the training.
     steps: usize,
+    /// Seconds of work of the training.
     training_seconds: f64,
+    /// PSNR of the kept weights on validation objects, dB.
     validation_psnr_db: f64,
+    /// PSNR of the linear estimate of the same objects, dB; absent for the U-net.
     #[serde(skip_serializing_if = "Option::is_none")]
     validation_linear_psnr_db: Option<f64>,
     /// No weights were better than the linear estimate, which is therefore kept.
     keeps_linear: bool,
+    /// All validations.
     curve: Vec<TrainingPoint>,
 }
 
@@ -100,6 +103,9 @@ impl NetworkArgs {
             ("--any-mask", self.any_mask),
             ("--weights", self.weights.is_some()),
         ];
+        if self.any_mask && decoder != DecoderKind::Network {
+            anyhow::bail!("--any-mask: expected --decoder network, found {decoder}; leave --any-mask out");
+        }
         let first = given.iter().find(|(_, given)| *given);
         if let (Some((name, _)), false) = (first, decoder.needs().training) {
             anyhow::bail!(
@@ -109,11 +115,7 @@ impl NetworkArgs {
         if self.engine.is_some() && decoder != DecoderKind::Unet {
             anyhow::bail!("--engine: expected --decoder unet, found {decoder}; leave --engine out");
         }
-        if self.any_mask && decoder != DecoderKind::Network {
-            anyhow::bail!("--any-mask: expected --decoder network, found {decoder}; leave --any-mask out");
-        }
-        let is_tested_as_it_is = self.weights.is_some() && self.budget.is_none() && self.steps.is_none();
-        if let Some((name, _)) = given[2..4].iter().find(|(_, given)| *given && is_tested_as_it_is) {
+        if let Some((name, _)) = given[2..4].iter().find(|(_, given)| *given && self.is_of_weights_alone()) {
             anyhow::bail!(
                 "{name}: expected a training, found --weights alone, which tests one network; add --budget or --steps, or leave \
                  {name} out"
@@ -121,6 +123,16 @@ impl NetworkArgs {
         }
         check_count("--networks", self.networks, 1..=MOST_NETWORKS)?;
         self.steps.map_or(Ok(()), |steps| check_count("--steps", steps, 1..=MOST_STEPS))
+    }
+
+    /// Whether weights are tested as they are, without a training.
+    fn is_of_weights_alone(&self) -> bool {
+        self.weights.is_some() && self.budget.is_none() && self.steps.is_none()
+    }
+
+    /// Whether networks of this decoder are trained.
+    pub fn trains(&self, decoder: DecoderKind) -> bool {
+        decoder.needs().training && !self.is_of_weights_alone()
     }
 
     /// Files that are read.
@@ -138,7 +150,9 @@ impl NetworkArgs {
         (out, stop): (Option<&Path>, &StopSignal),
     ) -> Result<Networks, Failure> {
         let Design { encoder, seed, .. } = design;
-        let start = self.weights.as_deref().map(|path| read(kind, path, scene, "--weights ")).transpose()?;
+        // A training begins with weights of any mask; those that are tested as they are have to serve this one.
+        let served = self.is_of_weights_alone().then_some(model);
+        let start = self.weights.as_deref().map(|path| read(kind, path, (scene, served), "--weights ")).transpose()?;
         let budget = match (self.budget, self.steps) {
             (_, Some(steps)) => Some(TrainingBudget::Steps(steps)),
             (Some(BudgetChoice(budget)), None) => Some(TrainingBudget::Seconds(budget.as_secs_f64())),
@@ -153,57 +167,72 @@ impl NetworkArgs {
         } else {
             TrainingMasks::One(model.clone())
         };
-        let folder = out.map(|out| self.begin_folder(out, (kind, budget), (scene, design))).transpose()?;
+        let mut folder = match out {
+            Some(out) => Some(NetworkFolder::find(out, self.settings(kind, budget, (scene, design))?)?),
+            None => None,
+        };
         let mut result = Networks { networks: Vec::new(), files: Vec::new() };
         for index in 0..self.networks {
             let seed = seed.wrapping_add(index as u64);
-            let file = |ending: &str| out.map(|out| out.join(format!("network-{}{ending}", index + 1)));
-            let path = file(".safetensors");
-            let is_kept = folder.as_ref().is_some_and(|folder| folder.is_begun);
+            let number = index + 1;
+            let path = folder.as_ref().map(|folder| folder.weights(number));
+            let is_kept = folder.as_ref().is_some_and(NetworkFolder::is_known);
             if let Some(path) = path.as_ref().filter(|path| is_kept && path.is_file()) {
-                let network = read(kind, path, scene, "")?;
+                let network = read(kind, path, (scene, Some(model)), "")?;
                 output::report(format_args!("{}: trained before: {}", path.display(), network.summary()));
                 result.files.push(path.clone());
                 result.networks.push(network);
                 continue;
             }
-            let line = ProgressLine::new();
-            line.show(0, PARTS as usize, "Preparing");
-            let mut show = |step: &TrainingStep| {
-                line.show((PARTS * step.done) as usize, PARTS as usize, &text_of(step, (index + 1, self.networks)));
-                stop.check()
-            };
-            let state = file(".state").zip(folder.as_ref());
-            let state = state.map(|(path, folder)| FitFile { path, key: format!("{} {seed}", folder.settings) });
+            let state = folder.as_ref().map(|folder| {
+                let file = FitFile { path: folder.state(number), key: format!("{} {seed}", folder.settings()) };
+                StateFile { file, stop }
+            });
             if let Some(state) = state.as_ref().filter(|_| !is_kept) {
                 // That of another training, whose settings are gone.
-                remove_if_there(&state.path).map_err(anyhow::Error::from)?;
+                remove_if_there(&state.file.path).map_err(anyhow::Error::from)?;
             }
             let keeper = state.as_ref().map(|state| state as &dyn FitCheckpoint);
+            let line = ProgressLine::of_percent();
+            line.show_share(0.0, "Preparing");
+            let (mut is_first, mut begun) = (true, Ok(()));
+            let mut show = |step: &TrainingStep| {
+                // What is refused is so before the first step, and leaves no file.
+                if std::mem::take(&mut is_first) {
+                    begun = folder.as_mut().map_or(Ok(()), NetworkFolder::begin);
+                    if out.is_none() && index == 0 {
+                        line.report("the trained weights are in no file: add --out DIR to keep them");
+                    }
+                }
+                line.show_share(step.done, &text_of(step, (number, self.networks)));
+                if begun.is_err() { ControlFlow::Break(()) } else { stop.check() }
+            };
             let training = DecoderTraining { kind, budget, seed, engine: self.engine.unwrap_or_default() };
-            let network = training.train(scene, &masks, start.as_ref(), keeper, &CancelToken::new(), &mut show)?;
+            let network = training.train(scene, &masks, start.as_ref(), keeper, &CancelToken::new(), &mut show);
+            begun?;
+            let network = network.map_err(|error| about_state(error, keeper))?;
             line.finish();
-            output::report(format_args!("Network {}: {}", index + 1, network.summary()));
+            output::report(format_args!("Network {number}: {}", network.summary()));
             if let Some(path) = path {
                 let bytes = network.to_bytes().map_err(anyhow::Error::from)?;
                 write_safely(&path, |file| file.write_all(&bytes)).map_err(anyhow::Error::from)?;
                 result.files.push(path);
             }
             if let Some(state) = &state {
-                remove_if_there(&state.path).map_err(anyhow::Error::from)?;
+                remove_if_there(&state.file.path).map_err(anyhow::Error::from)?;
             }
             result.networks.push(network);
         }
         Ok(result)
     }
 
-    /// The folder with a file of these settings, which is written where there is none.
-    fn begin_folder(
+    /// Key of all that decides the networks.
+    fn settings(
         &self,
-        out: &Path,
-        (decoder, budget): (DecoderKind, TrainingBudget),
+        decoder: DecoderKind,
+        budget: TrainingBudget,
         (scene, design): (&DecoderScene, &Design),
-    ) -> anyhow::Result<NetworkFolder> {
+    ) -> anyhow::Result<String> {
         let start = self.weights.as_deref().map(|path| read_bytes(path, LARGEST_WEIGHTS)).transpose()?;
         let own = [
             ("budget", json_of(&budget)),
@@ -211,19 +240,7 @@ impl NetworkArgs {
             ("engine", json_of(&self.engine.unwrap_or_default())),
             ("start", start.map(|bytes| blake3::hash(&bytes).to_hex().to_string()).into()),
         ];
-        let settings = KeptSettings { settings: settings_key(decoder, (scene, design), own) };
-        let file = out.join(SETTINGS_FILE);
-        if !file.exists() {
-            SETTINGS.write(&file, &settings)?;
-            return Ok(NetworkFolder { settings: settings.settings, is_begun: false });
-        }
-        if SETTINGS.read::<KeptSettings>(&file)? != settings {
-            anyhow::bail!(
-                "{}: expected the settings of the networks that are there, found others; choose another --out",
-                out.display()
-            );
-        }
-        Ok(NetworkFolder { settings: settings.settings, is_begun: true })
+        Ok(settings_key(decoder, (scene, design), own))
     }
 }
 
@@ -249,20 +266,6 @@ pub fn settings_key<const N: usize>(
     content_key(&settings)
 }
 
-/// A folder of networks.
-struct NetworkFolder {
-    /// Key of all that decides the networks.
-    settings: String,
-    /// Whether it had these settings before.
-    is_begun: bool,
-}
-
-/// Content of the file of settings: the key of all that decides the networks.
-#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct KeptSettings {
-    settings: String,
-}
-
 /// Networks and the files that they were written to.
 pub struct Networks {
     /// The networks.
@@ -271,11 +274,30 @@ pub struct Networks {
     pub files: Vec<PathBuf>,
 }
 
-/// The network of a file; `flag` precedes its name in an error.
-fn read(kind: DecoderKind, path: &Path, scene: &DecoderScene, flag: &str) -> anyhow::Result<TrainedDecoder> {
+/// The error of a training. One of its state says what to do: a state is no file that the person chose.
+fn about_state(error: ReconstructionError, keeper: Option<&dyn FitCheckpoint>) -> anyhow::Error {
+    match (error, keeper.map(FitCheckpoint::place)) {
+        (ReconstructionError::Information(InformationError::WeightsFile { path, reason }), Some(place))
+            if path == place =>
+        {
+            let cause = reason.split("; ").next().unwrap_or_default();
+            anyhow!("{path}: expected the state of this training ({cause}); delete it, and the training begins again")
+        }
+        (error, _) => error.into(),
+    }
+}
+
+/// The network of a file, for a mask where there is a model; `flag` precedes its name in an error.
+fn read(
+    kind: DecoderKind,
+    path: &Path,
+    (scene, model): (&DecoderScene, Option<&ImagingModel>),
+    flag: &str,
+) -> anyhow::Result<TrainedDecoder> {
     let about = || format!("{flag}{}", path.display());
     let network = TrainedDecoder::from_bytes(kind, &read_bytes(path, LARGEST_WEIGHTS)?).with_context(about)?;
     network.training().check_scene(scene).with_context(about)?;
+    model.map_or(Ok(()), |model| network.training().check_mask(model)).with_context(about)?;
     Ok(network)
 }
 
@@ -283,5 +305,5 @@ fn text_of(step: &TrainingStep, (number, of): (usize, usize)) -> String {
     let name = if of == 1 { "Training".to_owned() } else { format!("Training network {number} of {of}") };
     let validated = step.validation.map_or(String::new(), |point| format!("{:.2} dB, ", point.psnr_db));
     let linear = step.linear_psnr_db.map_or(String::new(), |linear| format!("linear {linear:.2} dB, "));
-    format!("{name}: {validated}{linear}{:.1} steps/s", step.steps_per_second)
+    format!("{name}: step {}, {validated}{linear}{:.1} steps/s", step.steps, step.steps_per_second)
 }

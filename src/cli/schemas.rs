@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-use super::{bounds, calibrate, export, optimize, reproduce, simulate, tamura};
+use super::{bounds, calibrate, export, optimize, reconstruct, reproduce, simulate, tamura};
 use crate::camera::CameraFile;
 use crate::design::IdealSettings;
 use crate::evaluation::Compared;
@@ -112,6 +112,8 @@ fn pages() -> Vec<Page> {
         written::<simulate::Measured>("simulate-output", "The JSON of simulate"),
         written::<bounds::DesignBounds>("bounds-output", "The JSON of bounds"),
         written::<optimize::Outcome<'_>>("optimize-output", "The JSON of optimize"),
+        written::<reconstruct::TestResult>("reconstruct-output", "The JSON of reconstruct for a design"),
+        written::<reconstruct::CaptureResult>("reconstruct-capture-output", "The JSON of reconstruct for a capture"),
         written::<reproduce::RepeatedRun<'_>>("reproduce-run-output", "The JSON of reproduce for a run"),
         written::<reproduce::RepeatedEstimate>("reproduce-live-output", "The JSON of reproduce for a live estimate"),
         written::<tamura::Summary>("tamura-output", "The JSON of tamura"),

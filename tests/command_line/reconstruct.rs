@@ -3,7 +3,7 @@
 #[cfg(unix)]
 use std::io::{BufRead, BufReader};
 #[cfg(unix)]
-use std::process::Stdio;
+use std::process::{ExitStatus, Stdio};
 
 use lenslet_studio::formats::{read_array, read_grey};
 use serde_json::Value;
@@ -62,15 +62,141 @@ fn decoders_without_a_prior_know_no_closed_form() {
     }
 }
 
-/// Sends a scheduler's signal to a command after its first line, which is on the images, and checks that it ends as stopped.
+/// Sends a scheduler's signal to a command after a line on standard error with `part`. Returns its end and the lines after that one.
 #[cfg(unix)]
-fn stop_after_first_line(bench: &Bench, line: &str) {
+fn stopped(bench: &Bench, line: &str, part: &str) -> (ExitStatus, Vec<String>) {
     let mut child = bench.command().args(line.split_whitespace()).stderr(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-    assert!(lines.next().unwrap().unwrap().contains("40 images"));
+    assert!(lines.any(|line| line.unwrap().contains(part)), "{part}");
     assert!(bench.process("kill").args(["-TERM", &child.id().to_string()]).status().unwrap().success());
-    let rest: Vec<String> = lines.map(Result::unwrap).collect();
-    assert!(child.wait().unwrap().success() && rest.iter().any(|line| line.contains("a: stopped")), "{rest:?}");
+    let rest = lines.map(Result::unwrap).collect();
+    (child.wait().unwrap(), rest)
+}
+
+/// Stops a command after its first line, which is on the images, and checks that it ends as one that can be resumed.
+#[cfg(unix)]
+fn stop_after_first_line(bench: &Bench, line: &str) {
+    let (status, rest) = stopped(bench, line, "40 images");
+    let is_told = rest.iter().any(|line| line.contains("a: stopped; the same command resumes it"));
+    assert!(status.success() && is_told, "{rest:?}");
+}
+
+/// A capture has no state: a signal ends it as it ends other programs, and nothing says that it can be resumed.
+#[cfg(unix)]
+#[test]
+fn a_capture_that_is_stopped_by_a_signal_saves_nothing_and_says_so() {
+    use std::os::unix::process::ExitStatusExt;
+    let bench = Bench::new();
+    bench.write("psf.npy", npy("(16, 16)", &(0..256).map(|index| (index % 17) as f32).collect::<Vec<_>>()));
+    let capture: Vec<f32> = (0..700 * 700).map(|index| 60.0 + (index * 7919 % 200) as f32).collect();
+    bench.write("capture.npy", npy("(700, 700)", &capture));
+    let line = "reconstruct --measurement capture.npy --psf psf.npy --dark 0 --out a";
+    let (status, rest) = stopped(&bench, line, "psf.npy");
+    assert_eq!(status.signal(), Some(15), "{rest:?}");
+    assert!(rest.iter().any(|line| line.contains("a: stopped; nothing was saved")), "{rest:?}");
+    assert!(!bench.path("a").exists());
+}
+
+/// What is refused leaves no folder, and settings without networks block nobody.
+#[test]
+fn a_refused_command_leaves_nothing_behind() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    bench.write("two.idx", idx(2, 28, |index| index as u8));
+    write_capture(&bench);
+    bench.write("wide.npy", npy("(16, 40)", &[9.0; 640]));
+    let network = "reconstruct --decoder network --objects idx:images.idx --steps 1 --test 2 --examples 0";
+    for (line, part) in [
+        (format!("{network} --any-mask --mask diffuser:8 --out a/b"), "expected a mask of lenslets, found diffuser"),
+        (format!("{network} --any-mask --throughput 0.5 --out a"), "expected a mask of throughput 1, found 0.5"),
+        ("reconstruct --decoder unet --any-mask --out a".to_owned(), "--any-mask: expected --decoder network"),
+        ("reconstruct --any-mask --out a".to_owned(), "--any-mask: expected --decoder network, found Linear MMSE"),
+        ("reconstruct --decoder unet --steps 1 --engine burn:cuda --out a".to_owned(), "--features cuda"),
+        (
+            "reconstruct --decoder network --objects idx:two.idx --out a".to_owned(),
+            "Trained network: expected at least 3 images to train on and to test with, found 2",
+        ),
+        ("reconstruct --measurement capture.npy --psf wide.npy --out a".to_owned(), "crop the PSF"),
+        ("reconstruct --examples 3".to_owned(), "--examples: expected a folder for the images, found none"),
+    ] {
+        let sentence = bench.refused(&line);
+        assert!(sentence.contains(part), "{line}: {sentence}");
+        assert!(!bench.path("a").exists(), "{line}");
+    }
+    // Those of a program that was killed at its first step.
+    bench.done(&format!("{network} --out b"));
+    std::fs::create_dir(bench.path("c")).unwrap();
+    std::fs::rename(bench.path("b/networks.json"), bench.path("c/networks.json")).unwrap();
+    let other = network.replace("--steps 1", "--steps 1 --seed 2");
+    bench.done(&format!("{other} --out c"));
+}
+
+/// One rule for networks of any mask: what training refuses, use refuses, with the name of the file.
+#[test]
+fn a_network_of_any_mask_serves_the_masks_that_it_may_be_trained_for() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let line = "reconstruct --decoder network --objects idx:images.idx --test 2";
+    bench.done(&format!("{line} --any-mask --steps 1 --examples 0 --out a"));
+    let line = format!("{line} --weights a/network-1.safetensors");
+    bench.done(&format!("{line} --mask heuristic:2"));
+    for (flags, part) in [
+        ("--mask diffuser:8", "found diffuser, aperture 8 px"),
+        ("--throughput 0.5", "throughput 0.5; train it for this mask alone"),
+        ("--grid 24", "on a grid of 32 x 32 px, found 24 x 24 px"),
+    ] {
+        let sentence = bench.refused(&format!("{line} {flags}"));
+        assert!(
+            sentence.contains("--weights a/network-1.safetensors: network") && sentence.contains(part),
+            "{sentence}"
+        );
+    }
+}
+
+#[test]
+fn nothing_is_trained_into_a_folder_that_another_program_writes_into() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    write_capture(&bench);
+    std::fs::create_dir(bench.path("a")).unwrap();
+    let folder = std::fs::File::open(bench.path("a")).unwrap();
+    folder.lock().unwrap();
+    for line in [
+        "reconstruct --decoder network --objects idx:images.idx --steps 1 --out a",
+        "reconstruct --measurement capture.npy --psf psf.npy --out a",
+    ] {
+        let sentence = bench.refused(line);
+        assert!(sentence.contains("found another run at work in it"), "{sentence}");
+    }
+    drop(folder);
+    bench.done("reconstruct --measurement capture.npy --psf psf.npy --out a");
+}
+
+/// A damaged state is the fault of no file that was chosen: the sentence says to delete it.
+#[test]
+fn damaged_states_and_unsaved_results_have_a_cure() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let line = "reconstruct --decoder network --objects idx:images.idx --steps 1 --test 2";
+    let output = bench.run(line.split_whitespace());
+    assert!(super::text(&output.stderr).contains("add --out DIR"), "{}", super::text(&output.stderr));
+    bench.done(&format!("{line} --examples 0 --out a"));
+    std::fs::rename(bench.path("a/network-1.safetensors"), bench.path("a/network-1.state")).unwrap();
+    let sentence = bench.refused(&format!("{line} --examples 0 --out a"));
+    assert!(sentence.contains("a/network-1.state: expected the state of this training"), "{sentence}");
+    assert!(sentence.contains("delete it") && !sentence.contains("choose another"), "{sentence}");
+}
+
+#[test]
+fn few_images_are_noted_in_the_result() {
+    let bench = Bench::new();
+    bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
+    let notices = |flags: &str| bench.json(&format!("reconstruct --test 2 {flags}"))["notices"].to_string();
+    let few = notices("--objects idx:images.idx");
+    assert!(few.contains("32 training images") && few.contains("8 held-out images"), "{few}");
+    let without_prior = notices("--objects idx:images.idx --decoder tv");
+    assert!(!without_prior.contains("training images") && without_prior.contains("8 held-out"), "{without_prior}");
+    assert_eq!(notices(""), "[]");
 }
 
 /// At a scheduler's signal a training keeps its state, and the same command resumes it.
@@ -159,6 +285,10 @@ fn networks_are_trained_tested_and_read_again() {
             "--any-mask: expected --decoder network, found Published U-net",
         ),
         (
+            format!("{line} --mask heuristic:5 --weights a/network-1.safetensors"),
+            "--weights a/network-1.safetensors: network: expected the mask",
+        ),
+        (
             "reconstruct --decoder unet --objects idx:images.idx --weights a/network-1.safetensors".to_owned(),
             "not weights of this network",
         ),
@@ -202,6 +332,27 @@ fn a_capture_is_reconstructed_with_its_psf() {
     let printed =
         bench.done("reconstruct --measurement capture.npy --psf psf.npy --decoder richardson-lucy --bin 2 --dark 8");
     assert!(printed.contains("Richardson-Lucy of capture.npy: 1 x 23 x 25"), "{printed}");
+    let negative =
+        bench.done("reconstruct --measurement capture.npy --psf psf.npy --dark -5 --decoder richardson-lucy");
+    assert!(negative.contains("Richardson-Lucy of capture.npy"), "{negative}");
+}
+
+/// Images of frames that an earlier capture had go, as those of examples do.
+#[test]
+fn a_shorter_capture_leaves_no_images_of_a_longer_one() {
+    let bench = Bench::new();
+    write_capture(&bench);
+    let frames: Vec<f32> = (0..3 * 32 * 36).map(|index| 60.0 + (index * 31 % 97) as f32).collect();
+    bench.write("three.npy", npy("(3, 32, 36)", &frames));
+    let line = "reconstruct --psf psf.npy --decoder richardson-lucy --out a --measurement";
+    bench.done(&format!("{line} three.npy"));
+    let is_there = |name: &str| bench.path("a").join(name).exists();
+    assert!(is_there("reconstruction-3.png") && is_there("measurement-3.png"));
+    bench.done(&format!("{line} capture.npy"));
+    for name in ["reconstruction", "measurement"] {
+        let found = [1, 2, 3].map(|frame| is_there(&format!("{name}-{frame}.png")));
+        assert_eq!(found, [true, false, false], "{name}");
+    }
 }
 
 #[test]
@@ -220,7 +371,7 @@ fn what_cannot_be_reconstructed_is_refused() {
     bench.write("one.idx", idx(1, 28, |index| index as u8));
     bench.write("images.idx", idx(40, 28, |index| (index * 7919 % 256) as u8));
     for (line, part) in [
-        ("reconstruct --test 1", "--test 1: expected 2 to"),
+        ("reconstruct --test 1", "--test 1: expected 2 to 1000000; raise it"),
         ("reconstruct --objects volume:2:0.02", "expected objects of one plane, found 2"),
         ("reconstruct --objects idx:one.idx", "test objects of idx:one.idx"),
         ("reconstruct --objects idx:none.idx", "none.idx"),
@@ -232,7 +383,11 @@ fn what_cannot_be_reconstructed_is_refused() {
         ("reconstruct --measurement capture.npy", "--psf"),
         ("reconstruct --psf psf.npy", "--measurement"),
         ("reconstruct --measurement capture.npy --psf psf.npy --objects beads:0.02", "--objects"),
-        ("reconstruct --measurement capture.npy --psf psf.npy --decoder linear", "choose tv"),
+        (
+            "reconstruct --measurement capture.npy --psf psf.npy --decoder linear",
+            "--decoder: expected one for a capture",
+        ),
+        ("reconstruct --measurement capture.npy --psf psf.npy --decoder unet", "choose tv or richardson-lucy"),
         ("reconstruct --measurement capture.npy --psf psf.npy --bin 0", "--bin 0: expected 1 to"),
         ("reconstruct --measurement capture.npy --psf psf.npy --dark nan", "expected a grey value or a file"),
         ("reconstruct --measurement capture.npy --psf psf.npy --dark 9999", "above the dark level of 9999"),

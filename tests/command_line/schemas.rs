@@ -10,7 +10,7 @@ use lenslet_studio::studies::StudyRecord;
 use lenslet_studio::workbench::Record;
 use serde_json::{Value, json};
 
-use super::Bench;
+use super::{Bench, npy};
 
 /// A schema of the documentation.
 pub(super) struct Schema {
@@ -157,6 +157,14 @@ fn json_of_commands_validates() {
     let few = "--estimator gaussian --patches-train 100 --patches-test 20";
     check("estimate", &format!("estimate {few} --patch 8"));
     check("estimate", &format!("estimate {few} --patch 8 --measurements measured/measurements.npy"));
+    check("reconstruct-output", "reconstruct --mask heuristic:2 --test 2");
+    check("reconstruct-output", "reconstruct --decoder network --steps 1 --test 2");
+    bench.write("psf.npy", npy("(4, 4)", &(0..16).map(|index| (index % 5) as f32).collect::<Vec<_>>()));
+    bench.write("capture.npy", npy("(24, 24)", &(0..576).map(|index| (index * 31 % 97) as f32).collect::<Vec<_>>()));
+    check(
+        "reconstruct-capture-output",
+        "reconstruct --measurement capture.npy --psf psf.npy --dark 0 --decoder richardson-lucy",
+    );
     let study = bench.json(&format!(
         "study run grid {few} --objects beads:0.05 --mask heuristic:2 --decoder linear,tv --test 2 --out study"
     ));
