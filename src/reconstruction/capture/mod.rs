@@ -11,7 +11,7 @@ use std::str::FromStr;
 use ndarray::{Array, Array2, Array3, ArrayView, Axis, Dimension, s};
 use thiserror::Error;
 
-use crate::formats::{Channel, FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Saturated};
+use crate::formats::{Channel, FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Saturated, Wrapped};
 use crate::optics::CornerLevel;
 use crate::sensor::Noise;
 use noise::SensorNoise;
@@ -33,6 +33,14 @@ pub enum CaptureError {
     /// A file cannot be read.
     #[error(transparent)]
     File(#[from] FormatError),
+    /// Negative values wrapped around zero.
+    #[error("{path}: {wrapped}")]
+    Wrapped {
+        /// The file.
+        path: String,
+        /// The values.
+        wrapped: Wrapped,
+    },
     /// Capture and PSF have other channels.
     #[error(
         "{measurement}: expected the channels of the PSF, found {found} beside {expected} in {psf}; add ?channel=green to both"
@@ -227,7 +235,7 @@ impl CaptureFiles {
         }
         let white = measured.white;
         let mut light = finite(measured, &self.measurement)?;
-        if let Some(Saturated { share, value }) = mark_saturated(&mut light, white) {
+        if let Some(Saturated { share, value }) = mark_saturated(&mut light, white, &path)? {
             let percent = 100.0 * share;
             if percent > 100.0 * MOST_SATURATED {
                 return Err(CaptureError::Saturated { path, percent, value });
@@ -238,7 +246,7 @@ impl CaptureFiles {
         }
         let white = psf.white;
         let mut spread = finite(psf, &self.psf)?;
-        if let Some(Saturated { share, value }) = mark_saturated(&mut spread, white) {
+        if let Some(Saturated { share, value }) = mark_saturated(&mut spread, white, &psf_path)? {
             let percent = 100.0 * share;
             notices.push(format!(
                 "{psf_path}{name}: {percent:.2} % of the PSF are saturated at {value}; its peaks are too low"
@@ -355,12 +363,20 @@ fn finite(stack: PixelStack, path: &Path) -> Result<Array3<f32>, CaptureError> {
 }
 
 /// Sets saturated pixels to NaN, of a file whose largest count is `white`. Returns their share and value, where there are any.
-fn mark_saturated(images: &mut Array3<f32>, white: Option<u16>) -> Option<Saturated> {
+///
+/// # Errors
+/// [`CaptureError::Wrapped`] where negative values wrapped around zero.
+fn mark_saturated(images: &mut Array3<f32>, white: Option<u16>, path: &str) -> Result<Option<Saturated>, CaptureError> {
     let mut values = GreyValues::default();
     values.add(images.view(), white);
-    let saturated = values.saturated()?;
-    images.mapv_inplace(|value| if value == saturated.value { f32::NAN } else { value });
-    Some(saturated)
+    if let Some(wrapped) = values.wrapped() {
+        return Err(CaptureError::Wrapped { path: path.to_owned(), wrapped });
+    }
+    let saturated = values.saturated();
+    if let Some(Saturated { value: largest, .. }) = saturated {
+        images.mapv_inplace(|value| if value == largest { f32::NAN } else { value });
+    }
+    Ok(saturated)
 }
 
 fn subtract(images: &mut Array3<f32>, dark: Option<&Array2<f32>>, level: f64) {

@@ -99,6 +99,9 @@ fn captures_that_cannot_be_used_are_refused() {
     assert!(refusal(&files(broken, psf.clone())).contains("found NaN at row 1, column 1"));
     let bright = scratch.write("bright.npy", &[40, 40], |index| if index < 1500 { 255.0 } else { (index % 3) as f32 });
     assert!(refusal(&files(bright, psf.clone())).contains("94 % of the pixels at 255"));
+    let wrapped = scratch.write("wrapped.npy", &[40, 40], |index| ((index % 21) as f32 - 2.0).rem_euclid(65_536.0));
+    assert!(refusal(&files(wrapped.clone(), psf.clone())).contains("wrapped.npy: 9.5 % of the values lie above 58981"));
+    assert!(refusal(&files(psf.clone(), wrapped)).contains("negative values wrapped around zero"));
     let dark = scratch.write("dark.npy", &[40, 40], |index| 5.0 + (index % 2) as f32);
     assert!(refusal(&files(dark.clone(), psf.clone())).contains("above the dark level of 10"));
     let pair = scratch.write("pair.npy", &[2, 40, 40], |_| 3.0);
