@@ -23,7 +23,7 @@ use crate::information::{PosteriorChains, Protocol, with_interval};
 use crate::progress::CancelToken;
 use crate::reconstruction::{
     Capture, CaptureChannel, CaptureFiles, DarkLevel, Decoder, DecoderKind, DecoderQuality, DecoderScene, DecoderTest,
-    Evaluated, ImagingModel, ReconstructionStep, SavingDecoder, TrainedDecoder,
+    Evaluated, ImagingModel, ReconstructionStep, SavingDecoder, TrainedDecoder, residual_in_noise,
 };
 use crate::workbench::{RECONSTRUCTIONS_FILE, ReconstructionExample, ReconstructionWriter};
 
@@ -148,6 +148,8 @@ pub struct CaptureResult {
     gain: Vec<f64>,
     /// Estimated read noise of each channel, photons.
     read_noise: Vec<f64>,
+    /// Root mean square of the residual of each channel, in units of the estimated noise.
+    residual: Vec<f64>,
     /// Seconds of reading and reconstruction.
     seconds: f64,
     /// How the files were read, and what was changed.
@@ -344,7 +346,7 @@ impl Arguments {
             output::report("the reconstruction is in no file: add --out DIR to keep it");
         }
         let progress_line = ProgressLine::new();
-        let mut objects = Vec::new();
+        let (mut objects, mut residual) = (Vec::new(), Vec::new());
         let mut corner = (0, 0);
         for channel in &channels {
             let CaptureChannel { measurements, psf, noise, .. } = channel;
@@ -353,6 +355,7 @@ impl Arguments {
             let prepared = decoder.prepare(&model, &CancelToken::new())?;
             let mut on_progress = |step: &ReconstructionStep| show(&progress_line, step, stop);
             let found = prepared.reconstruct(measurements.view(), &mut on_progress)?;
+            residual.push(residual_in_noise(&model, found.view(), measurements.view())?);
             objects.push(channel.grey_values(found.view()));
         }
         progress_line.finish();
@@ -389,6 +392,7 @@ impl Arguments {
             sensor_corner: corner.into(),
             gain: channels.iter().map(|channel| channel.gain).collect(),
             read_noise: channels.iter().filter_map(|channel| channel.noise.read_sigma()).collect(),
+            residual,
             seconds,
             notices,
             files: names_of(&written),
@@ -466,7 +470,12 @@ impl CaptureResult {
         let text = |shape: &[usize]| shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(" x ");
         let mut lines = vec![
             format!("{} of {}: {}", self.decoder, self.measurement, text(&self.object_shape)),
-            format!("capture of {}, {:.1} s", text(&self.measurement_shape), self.seconds),
+            format!(
+                "capture of {}, {:.1} s; residual {} times the noise",
+                text(&self.measurement_shape),
+                self.seconds,
+                self.residual.iter().map(|residual| format!("{residual:.2}")).collect::<Vec<_>>().join(", ")
+            ),
         ];
         lines.extend(self.files.iter().cloned());
         lines

@@ -1,6 +1,6 @@
 //! The data term of decoders without a prior: light above the background, and the noise variance that weights it.
 
-use ndarray::{ArrayView2, Axis};
+use ndarray::{ArrayView2, ArrayView3, Axis};
 
 use super::error::ReconstructionError;
 use super::model::ImagingModel;
@@ -59,24 +59,29 @@ impl DataTerm {
     }
 }
 
-/// Root mean square of what a measurement has more or less than the image of an object, in units of the noise of each pixel. It is 1 where
-/// nothing but noise is left. Pixels that are NaN were not measured.
+/// Root mean square of what measurements have more or less than the images of their objects, in units of the noise of each pixel. It is 1
+/// where nothing but noise is left. Pixels that are NaN were not measured.
+///
+/// Shapes are (n, field rows, field cols) and (n, rows, cols).
 ///
 /// # Errors
 /// [`ReconstructionError`] for images of other shapes than those of the model, for infinite pixels, and without light.
 pub fn residual_in_noise(
     model: &ImagingModel,
-    object: ArrayView2<'_, f32>,
-    measurement: ArrayView2<'_, f32>,
+    objects: ArrayView3<'_, f32>,
+    measurements: ArrayView3<'_, f32>,
 ) -> Result<f64, ReconstructionError> {
-    model.check_measurements(&measurement.insert_axis(Axis(0)))?;
-    let data = DataTerm::new(model, measurement)?;
-    let psf = model.psf().insert_axis(Axis(0));
-    let convolver = Convolution::new(model.field(), model.psf().dim())?.with_psf(psf)?;
-    let image = convolver.measure(object.insert_axis(Axis(0)).insert_axis(Axis(0)), 0.0)?;
-    let pixels = data.light.iter().zip(&image).zip(&data.weights);
-    let squares = pixels.map(|((light, image), weight)| f64::from(weight * (light - image).powi(2)));
-    Ok((squares.sum::<f64>() / data.pixels.max(1.0)).sqrt())
+    model.check_measurements(&measurements)?;
+    let convolver = Convolution::new(model.field(), model.psf().dim())?.with_psf(model.psf().insert_axis(Axis(0)))?;
+    let (mut squares, mut pixels) = (0.0, 0.0);
+    for (object, measurement) in objects.outer_iter().zip(measurements.outer_iter()) {
+        let data = DataTerm::new(model, measurement)?;
+        let image = convolver.measure(object.insert_axis(Axis(0)).insert_axis(Axis(0)), 0.0)?;
+        let residuals = data.light.iter().zip(&image).zip(&data.weights);
+        squares += residuals.map(|((light, image), weight)| f64::from(weight * (light - image).powi(2))).sum::<f64>();
+        pixels += data.pixels;
+    }
+    Ok((squares / f64::max(pixels, 1.0)).sqrt())
 }
 
 /// Mean of the measured pixels of the surroundings of every pixel; 0 where there is none.

@@ -20,7 +20,7 @@ pub use cameras::calibration::{CalibrationOrder, CalibrationResults};
 pub use cameras::comparison::{ComparisonOrder, ComparisonResults};
 pub use cameras::desk::CameraResults;
 pub use cameras::previews::{CapturePreview, CapturePreviews, CaptureUnit, SystemCaptures, range_of};
-pub use captures::queue::{CaptureOrder, CaptureReconstruction, CaptureState};
+pub use captures::queue::{CaptureOrder, CaptureQuality, CaptureReconstruction, CaptureState};
 pub use document::autosave::Recovered;
 pub use document::command::{Command, CommandError, LensletChange};
 pub use document::file_preview::{FilePreview, FileUse, with_option};

@@ -45,6 +45,10 @@ fn reconstruct(decoder: &dyn Decoder, model: &ImagingModel, measurement: &Array2
     prepared.reconstruct_one(measurement.view(), &mut CancelToken::new()).unwrap()
 }
 
+fn residual(model: &ImagingModel, found: &Array2<f32>, y: &Array2<f32>) -> f64 {
+    residual_in_noise(model, found.view().insert_axis(Axis(0)), y.view().insert_axis(Axis(0))).unwrap()
+}
+
 #[test]
 fn blocks_of_constant_light_are_found() {
     let field = (48, 50);
@@ -60,7 +64,7 @@ fn blocks_of_constant_light_are_found() {
         println!("{photons} photons: TV {error:.3}, Richardson-Lucy {classical:.3}");
         assert!(found.iter().all(|value| *value >= 0.0));
         assert!(error < largest && error < classical, "{error} {classical}");
-        let residual = residual_in_noise(&model, found.view(), y.view()).unwrap();
+        let residual = residual(&model, &found, &y);
         assert!((0.92..1.07).contains(&residual), "the residual is not that of the noise: {residual}");
     }
 }
@@ -79,7 +83,7 @@ fn objects_before_a_wide_mask_have_the_light_of_the_measurement() {
     let mut noiseless = model.clone();
     noiseless.noise = Noise::None;
     let light = measure(&noiseless, &found, 1).sum() / y.sum();
-    let residual = residual_in_noise(&model, found.view(), y.view()).unwrap();
+    let residual = residual(&model, &found, &y);
     println!("light {light:.4}, residual {residual:.2}");
     assert!((light - 1.0).abs() < 2e-3 && residual < 10.0, "{light} {residual}");
 }

@@ -127,10 +127,13 @@ fn progress(ui: &mut Ui, capture: &CaptureReconstruction, requests: &mut Vec<Req
                 let bar = ui.add(bar);
                 name_widget(&bar, &format!("Progress: {text}"));
             }
-            CaptureState::Done { seconds, iterations } => {
+            CaptureState::Done { seconds, quality } => {
                 let of_most = |(done, most)| format!(", {done} of at most {most} iterations");
-                let iterations = iterations.map_or_else(String::new, of_most);
-                ui.label(format!("{}{iterations}, {seconds:.1} s", capture.order.decoder));
+                let iterations = quality.iterations.map_or_else(String::new, of_most);
+                let residual = format!("residual {:.1} times the noise", quality.residual);
+                ui.label(format!("{}{iterations}, {residual}, {seconds:.1} s", capture.order.decoder)).on_hover_text(
+                    "Where it is far above 1, the PSF does not fit the capture, or the iterations ended early",
+                );
             }
             CaptureState::Stopped => {
                 ui.label("Stopped");

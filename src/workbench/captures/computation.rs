@@ -9,11 +9,11 @@ use ndarray::{Array2, Array3, Axis};
 use crate::plural::counted;
 use crate::progress::CancelToken;
 use crate::reconstruction::{
-    Capture, CaptureChannel, CaptureError, ImagingModel, ReconstructionError, ReconstructionStep,
+    Capture, CaptureChannel, CaptureError, ImagingModel, ReconstructionError, ReconstructionStep, residual_in_noise,
 };
 use crate::workbench::background::activity::ActivityHandle;
 use crate::workbench::background::mailbox::Mailbox;
-use crate::workbench::captures::queue::{CaptureEnd, CaptureOrder, CaptureQueue, CaptureState};
+use crate::workbench::captures::queue::{CaptureEnd, CaptureOrder, CaptureQuality, CaptureQueue, CaptureState};
 use crate::workbench::reconstructions::queue::SeenRegion;
 
 /// Flags of the command line, and the fields of the window that stand for them.
@@ -36,7 +36,7 @@ pub(crate) fn run(
 ) -> CaptureEnd {
     let began = Instant::now();
     match reconstruct(order, entry, cancel, mailbox) {
-        Ok(iterations) => CaptureEnd::Done { seconds: began.elapsed().as_secs_f64(), iterations },
+        Ok(quality) => CaptureEnd::Done { seconds: began.elapsed().as_secs_f64(), quality },
         Err(Refusal::Reconstruction(ReconstructionError::Cancelled)) => CaptureEnd::Stopped,
         Err(refusal) => CaptureEnd::Failed(with_field_names(&refusal.to_string())),
     }
@@ -47,13 +47,13 @@ fn with_field_names(sentence: &str) -> String {
     FIELDS.iter().fold(sentence.to_owned(), |sentence, (flag, field)| sentence.replace(flag, field))
 }
 
-/// Reconstructs a capture. Returns the iterations done and the most iterations, where the decoder iterates.
+/// Reconstructs a capture.
 fn reconstruct(
     order: &CaptureOrder,
     entry: &ActivityHandle,
     cancel: &CancelToken,
     mailbox: &Mailbox<CaptureQueue>,
-) -> Result<Option<(usize, usize)>, Refusal> {
+) -> Result<CaptureQuality, Refusal> {
     entry.report("Reading the files", None, None);
     let Capture { channels, notices } = order.files.open()?;
     let mut notices: Vec<String> = notices.iter().map(|notice| with_field_names(notice)).collect();
@@ -70,7 +70,7 @@ fn reconstruct(
     mailbox.publish(|queue| queue.publish_measurement(measured, notices));
     let decoder = order.decoder.decoder(None, None)?;
     let mut objects: Vec<Array2<f32>> = Vec::new();
-    let mut iterations = None;
+    let mut quality = CaptureQuality::default();
     for (index, channel) in channels.iter().enumerate() {
         let CaptureChannel { measurements, psf, noise, .. } = channel;
         let measurement = measurements.index_axis(Axis(0), 0);
@@ -84,7 +84,7 @@ fn reconstruct(
         let at = |done, most| CaptureState::Reconstructing { channel: index + 1, channels: channels.len(), done, most };
         let mut on_progress = |step: &ReconstructionStep| -> ControlFlow<()> {
             if let ReconstructionStep::Iteration { done, most, .. } = step {
-                iterations = iterations.max(Some((*done, *most)));
+                quality.iterations = quality.iterations.max(Some((*done, *most)));
             }
             if let ReconstructionStep::Iteration { done, most, object: Some(object) } = step
                 && !cancel.is_cancelled()
@@ -95,11 +95,14 @@ fn reconstruct(
             }
             cancel.check()
         };
-        let object = channel.grey_values(prepared.reconstruct_one(measurement, &mut on_progress)?.view());
+        let first = measurement.insert_axis(Axis(0));
+        let photons = prepared.reconstruct(first, &mut on_progress)?;
+        quality.residual = quality.residual.max(residual_in_noise(&model, photons.view(), first)?);
+        let object = channel.grey_values(photons.index_axis(Axis(0), 0));
         publish(&object, at(1, 1));
         objects.push(object);
     }
-    Ok(iterations)
+    Ok(quality)
 }
 
 /// Complete channels, and `newest` for the others: the image is grey before it has its colours.

@@ -19,6 +19,15 @@ pub struct CaptureOrder {
     pub decoder: DecoderKind,
 }
 
+/// How a decoder ended; of several channels the most iterations and the largest residual.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CaptureQuality {
+    /// Iterations done and most iterations, where the decoder iterates.
+    pub iterations: Option<(usize, usize)>,
+    /// Root mean square of the residual, in units of the estimated noise.
+    pub residual: f64,
+}
+
 /// State of a capture.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CaptureState {
@@ -39,8 +48,8 @@ pub enum CaptureState {
     Done {
         /// Seconds from the order to the end.
         seconds: f64,
-        /// Iterations done and most iterations, where the decoder iterates; the most of all channels.
-        iterations: Option<(usize, usize)>,
+        /// How the decoder ended.
+        quality: CaptureQuality,
     },
     /// A person stopped it.
     Stopped,
@@ -85,7 +94,7 @@ impl CaptureReconstruction {
 
 /// End of an order.
 pub(crate) enum CaptureEnd {
-    Done { seconds: f64, iterations: Option<(usize, usize)> },
+    Done { seconds: f64, quality: CaptureQuality },
     Stopped,
     Failed(String),
 }
@@ -201,9 +210,9 @@ impl Queue for CaptureQueue {
     fn end(&mut self, (_, entry): Self::Task, answer: Result<CaptureEnd, String>) {
         self.running = None;
         let state = match answer {
-            Ok(CaptureEnd::Done { seconds, iterations }) => {
+            Ok(CaptureEnd::Done { seconds, quality }) => {
                 entry.end(Ok(format!("done in {seconds:.1} s")));
-                CaptureState::Done { seconds, iterations }
+                CaptureState::Done { seconds, quality }
             }
             // The dropped entry counts as stopped.
             Ok(CaptureEnd::Stopped) => CaptureState::Stopped,
@@ -242,7 +251,7 @@ mod tests {
         let task = queue.next(&CancelToken::new()).unwrap();
         queue.publish_measurement(image(1.0), vec!["first".into()]);
         queue.publish_object(image(2.0), SEEN, CaptureState::Reading);
-        queue.end(task, Ok(CaptureEnd::Done { seconds: 1.0, iterations: None }));
+        queue.end(task, Ok(CaptureEnd::Done { seconds: 1.0, quality: CaptureQuality::default() }));
         queue
     }
 
