@@ -41,6 +41,7 @@ pub(super) fn read(path: &Path) -> Result<FrameSeries, CameraError> {
         shape: None,
         groups: Vec::new(),
         meaning: Meaning::default(),
+        notes: Vec::new(),
     };
     for (index, line) in text.lines().enumerate() {
         let line = line.trim();

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::error::CameraError;
+use super::exposure::{NamedExposure, exposure_in, resolved};
 use super::series::{FrameGroup, FrameSeries, Grouping};
 use crate::formats::{FormatError, ImageFile, image_files};
 
@@ -14,14 +15,14 @@ const DARK: [&str; 3] = ["dark", "bias", "black"];
 pub(super) fn group(folder: &ImageFile) -> Result<FrameSeries, CameraError> {
     let folders = sub_folders(&folder.path)?;
     let own = files_of(&folder.path)?;
-    let mut groups: Vec<FrameGroup> = Vec::new();
+    let mut found: Vec<(FrameGroup, Option<NamedExposure>)> = Vec::new();
     for sub_folder in &folders {
         let files = files_of(sub_folder)?;
         let name = name_of(sub_folder);
         let deeper = sub_folders(sub_folder)?;
         for inner in &deeper {
             let label = format!("{name}/{}", name_of(inner));
-            groups.extend(named(&label, &label, files_of(inner)?));
+            found.extend(named(&label, &label, files_of(inner)?));
         }
         let mut parts = by_name(&files);
         // Names that leave a frame alone count frames, not groups.
@@ -29,15 +30,18 @@ pub(super) fn group(folder: &ImageFile) -> Result<FrameSeries, CameraError> {
             parts = BTreeMap::from([(String::new(), files)]);
         }
         let several = parts.len() > 1;
-        groups.extend(parts.into_iter().filter_map(|(part, files)| {
+        found.extend(parts.into_iter().filter_map(|(part, files)| {
             let full = format!("{name}/{part}");
             named(if several { &full } else { &name }, &full, files)
         }));
     }
-    let grouping = if groups.is_empty() { Grouping::Names } else { Grouping::Folders };
-    groups.extend(by_name(&own).into_iter().filter_map(|(part, files)| named(&part, &part, files)));
-    let (path, meaning) = (folder.path.clone(), folder.meaning.clone());
-    Ok(FrameSeries { path, grouping, bits: None, shape: None, groups, meaning })
+    let grouping = if found.is_empty() { Grouping::Names } else { Grouping::Folders };
+    found.extend(by_name(&own).into_iter().filter_map(|(part, files)| named(&part, &part, files)));
+    let (mut groups, exposures): (Vec<FrameGroup>, Vec<Option<NamedExposure>>) = found.into_iter().unzip();
+    let (exposures, note) = resolved(&exposures);
+    groups.iter_mut().zip(exposures).for_each(|(group, exposure_ns)| group.exposure_ns = exposure_ns);
+    let (path, meaning, notes) = (folder.path.clone(), folder.meaning.clone(), note.into_iter().collect());
+    Ok(FrameSeries { path, grouping, bits: None, shape: None, groups, meaning, notes })
 }
 
 fn name_of(path: &Path) -> String {
@@ -101,38 +105,13 @@ fn beginning(stem: &str) -> &str {
     }
 }
 
-/// The group of these files, whose `full` name may hold an exposure; `None` without files.
-fn named(label: &str, full: &str, files: Vec<PathBuf>) -> Option<FrameGroup> {
+/// The group of these files, and the exposure in its `full` name; `None` without files.
+fn named(label: &str, full: &str, files: Vec<PathBuf>) -> Option<(FrameGroup, Option<NamedExposure>)> {
     let lower = full.to_lowercase();
     let is_dark = DARK.iter().any(|word| lower.contains(word));
     let label = if label.is_empty() { "frames".to_owned() } else { label.to_owned() };
-    let exposure_ns = exposure_of(&lower);
-    (!files.is_empty()).then_some(FrameGroup { label, is_dark, exposure_ns, photons: None, files })
-}
-
-/// The exposure in a name, such as `light_10ms` or `exp 0.5 s`, in nanoseconds.
-fn exposure_of(label: &str) -> Option<f64> {
-    let is_number = |letter: char| letter.is_ascii_digit() || letter == '.';
-    let mut rest = label;
-    while let Some(start) = rest.find(|letter: char| letter.is_ascii_digit()) {
-        let tail = &rest[start..];
-        let end = tail.find(|letter| !is_number(letter)).unwrap_or(tail.len());
-        let (number, tail) = tail.split_at(end);
-        let word = tail.trim_start_matches([' ', '_']);
-        let unit_end = word.find(|letter: char| !letter.is_alphabetic()).unwrap_or(word.len());
-        let factor = match &word[..unit_end] {
-            "ns" => Some(1.0),
-            "us" | "\u{b5}s" | "\u{3bc}s" => Some(1e3),
-            "ms" => Some(1e6),
-            "s" | "sec" => Some(1e9),
-            _ => None,
-        };
-        if let (Some(factor), Ok(value)) = (factor, number.trim_end_matches('.').parse::<f64>()) {
-            return Some(value * factor);
-        }
-        rest = tail;
-    }
-    None
+    let group = FrameGroup { label, is_dark, exposure_ns: None, photons: None, files };
+    (!group.files.is_empty()).then(|| (group, exposure_in(&lower)))
 }
 
 #[cfg(test)]
@@ -185,18 +164,24 @@ mod tests {
     }
 
     #[test]
-    fn exposures_are_read_from_names() {
-        for (label, ns) in [
-            ("light_10ms", Some(1e7)),
-            ("level 3 0.5 s", Some(5e8)),
-            ("exp250us", Some(2.5e5)),
-            ("dark_100ns_2", Some(100.0)),
-            ("1.5sec", Some(1.5e9)),
-            ("level_3_stack", None),
-            ("12 shots", None),
-            ("dark", None),
-        ] {
-            assert_eq!(exposure_of(label), ns, "{label}");
-        }
+    fn exposures_with_a_decimal_comma_and_fractions_are_those_of_the_groups() {
+        let exposures = |names: &[&str]| {
+            let folder = tempfile::tempdir().unwrap();
+            for name in names {
+                std::fs::create_dir(folder.path().join(name)).unwrap();
+                for file in ["1.npy", "2.npy"] {
+                    let frame = ndarray::Array2::<f32>::zeros((8, 9));
+                    write_array(&folder.path().join(name).join(file), frame.view()).unwrap();
+                }
+            }
+            let series = FrameSeries::open(folder.path()).unwrap();
+            (series.groups.iter().map(|group| group.exposure_ns).collect::<Vec<_>>(), series.notes)
+        };
+        let comma = exposures(&["dark 0,5ms", "light 0,5ms", "light 1,0ms"]);
+        assert_eq!(comma, (vec![Some(5e5), Some(5e5), Some(1e6)], Vec::new()));
+        let fractions = exposures(&["dark 1_100s", "light 1_100s", "light 1_50s"]);
+        assert_eq!(fractions, (vec![Some(1e7), Some(1e7), Some(2e7)], Vec::new()));
+        let (unknown, notes) = exposures(&["dark 1_100s", "light 1_100s"]);
+        assert_eq!((unknown, notes.len()), (vec![None, None], 1));
     }
 }

@@ -7,6 +7,7 @@ mod channel;
 mod curves;
 mod descriptor;
 mod error;
+mod exposure;
 mod file;
 mod frames;
 mod group_summary;

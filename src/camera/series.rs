@@ -71,6 +71,9 @@ pub struct FrameSeries {
     /// Interpretation of the files that the path of a folder states.
     #[serde(skip)]
     pub meaning: Meaning,
+    /// Sentences on names that were not understood.
+    #[serde(skip)]
+    pub notes: Vec<String>,
 }
 
 impl FrameSeries {
@@ -93,6 +96,7 @@ impl FrameSeries {
             let photons = group.photons.map_or(String::new(), |photons| format!(", {photons} photons"));
             format!("  {kind:5} {}: {}{exposure}{photons}", group.label, counted(group.files.len(), "file"))
         }));
+        lines.extend(self.notes.iter().map(|note| format!("  note: {note}")));
         lines
     }
 }
