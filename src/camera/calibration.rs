@@ -7,9 +7,11 @@ use super::channel::ColourChoice;
 use super::error::CameraError;
 use super::frames::{BlockSums, FrameReader, FrameStack};
 use super::nonuniformity::{Outliers, is_shaded, outliers, spatial_variance};
+use super::notes::{Copies, frame_notes};
 use super::response::{linearity, quantum_efficiency};
 use super::series::{FrameGroup, FrameSeries};
 use super::transfer::{LightLevel, PhotonTransfer, ROUNDING_VARIANCE, Step, TransferSeries};
+use crate::formats::Wrapped;
 use crate::plural::{counted, one_or_many};
 use crate::progress::Progress;
 
@@ -22,8 +24,8 @@ const PRNU_RANGE: std::ops::RangeInclusive<f64> = 0.1..=0.9;
 const MOST_FLICKER: f64 = 0.05;
 /// Most pixels that are listed one by one.
 const MOST_LISTED: usize = 1000;
-/// Largest share of dark values at 0 where the noise counts as complete (EMVA 1288).
-const MOST_CUT_OFF: f64 = 0.005;
+/// Largest share of dark values that may look wrapped, as hot pixels do.
+const MOST_WRAPPED: f64 = 1e-3;
 /// Side of the blocks whose means are shading.
 const SHADING_PX: usize = 8;
 
@@ -154,6 +156,7 @@ fn step_of(group: &FrameGroup, stack: &FrameStack, counts: &[bool]) -> Step {
         exposure_ns: group.exposure_ns,
         photons: group.photons,
         frames: stack.frames,
+        cut_off_share: stack.cut_off_share,
         pixels: counts.iter().filter(|counts| **counts).count() as f64,
         sums: BlockSums::of(stack, counts),
     }
@@ -177,13 +180,23 @@ pub fn calibrate(
     let (darks, lights): (Vec<&FrameGroup>, Vec<&FrameGroup>) = series.groups.iter().partition(|group| group.is_dark);
     let dark = DarkFrames::read(&mut reading, &darks)?;
     let mut brightest = dark.map.range.1;
-    let mut levels = Vec::new();
+    let (mut levels, mut copies) = (Vec::new(), dark.copies.clone());
     for group in lights {
         let stack = reading.read(group)?;
         brightest = brightest.max(stack.range.1);
         check_steady(series, group, &stack, &dark.map)?;
+        copies.add(group, &stack);
         let step = step_of(group, &stack, &dark.counts);
         levels.push((step.sums.moments(None).mean, group, step));
+    }
+    let has_colour = reading.reader.colour_text.is_some() || reading.reader.names_channel;
+    if colour.is_of_colour_images() && !has_colour {
+        return Err(CameraError::Colour {
+            path: series.path.clone(),
+            expected: "colour images, whose channel is chosen",
+            found: "grey frames",
+            advice: "leave the channel out, or choose r, g1, g2 or b of raw mosaics",
+        });
     }
     levels.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
     let (lights, steps): (Vec<&FrameGroup>, Vec<Step>) =
@@ -196,7 +209,7 @@ pub fn calibrate(
     let transfer = steps.evaluate()?;
     notes.extend(transfer.notes.iter().cloned());
     notes.extend(dark.hot_pixel_note());
-    notes.extend(dark.cut_off_note());
+    notes.extend(copies.note());
     let flat = match flat_level(&transfer) {
         Some(level) => Some((transfer.levels[level].signal_dn, reading.read(lights[level])?)),
         None => None,
@@ -221,13 +234,22 @@ struct DarkFrames {
     counts: Vec<bool>,
     /// Temporal standard deviation over all pixels, DN.
     noise_of_all: f64,
+    copies: Copies,
 }
 
 impl DarkFrames {
     fn read(reading: &mut Reading<'_>, groups: &[&FrameGroup]) -> Result<Self, CameraError> {
-        let mut stacks = Vec::new();
+        let (mut stacks, mut copies) = (Vec::new(), Copies::default());
         for group in groups {
-            stacks.push(reading.read(group)?);
+            let stack = reading.read(group)?;
+            copies.add(group, &stack);
+            stacks.push(stack);
+        }
+        if let Some(Wrapped { share, above, median }) =
+            reading.reader.wrapped().filter(|found| found.share > MOST_WRAPPED)
+        {
+            let (path, percent) = (reading.reader.series.path.clone(), 100.0 * share);
+            return Err(CameraError::DarkWrapped { path, percent, above, median });
         }
         let best = (0..stacks.len()).max_by_key(|&index| stacks[index].frames).unwrap_or_default();
         let shape = stacks[best].shape;
@@ -237,19 +259,7 @@ impl DarkFrames {
         let mut counts = all;
         leave_out(&mut counts, &outliers);
         let steps = groups.iter().zip(&stacks).map(|(group, stack)| step_of(group, stack, &counts)).collect();
-        Ok(Self { steps, map: stacks.swap_remove(best), outliers, counts, noise_of_all })
-    }
-
-    /// A note on noise that is cut off at a value of 0, as with too small an offset of the camera.
-    fn cut_off_note(&self) -> Option<String> {
-        let FrameStack { zero_share, range, .. } = self.map;
-        (range.0 >= 0.0 && zero_share > MOST_CUT_OFF).then(|| {
-            format!(
-                "{:.1} % of the dark values are 0, where the camera cuts its noise off: temporal dark noise and the range of dark \
-                 signals are at least the values given; record with a larger offset (black level)",
-                100.0 * zero_share
-            )
-        })
+        Ok(Self { steps, map: stacks.swap_remove(best), outliers, counts, noise_of_all, copies })
     }
 
     fn hot_pixel_note(&self) -> Option<String> {
@@ -358,28 +368,6 @@ fn check_steady(
         return Err(CameraError::Unsteady { path: series.path.clone(), group: group.label.clone(), low, high });
     }
     Ok(())
-}
-
-/// Notes on the frames: stated and found sizes, depths and steps.
-fn frame_notes(series: &FrameSeries, reader: &FrameReader<'_>, shape: (usize, usize), brightest: f64) -> Vec<String> {
-    let mut notes = Vec::new();
-    if let Some((rows, cols)) = series.shape.filter(|stated| *stated != shape) {
-        notes.push(format!("the descriptor states {rows} x {cols} px, the frames have {} x {}", shape.0, shape.1));
-    }
-    let step = reader.step();
-    if step > 1.0 {
-        notes.push(format!(
-            "all grey values are {step} DN apart, as of fewer bits that were shifted; a step of {step} DN counts as rounding"
-        ));
-    }
-    if step == 0.0 {
-        notes.push("the grey values are not whole, so no rounding is taken out of the dark noise".into());
-    }
-    let stated = series.bits.or(reader.type_bits());
-    if let Some(bits) = stated.filter(|bits| brightest > f64::from(*bits).exp2() - 1.0) {
-        notes.push(format!("the brightest pixel is {brightest} DN, above the {bits} bits that the descriptor states"));
-    }
-    notes
 }
 
 /// The light level for the PRNU: of those with most frames near half of saturation the nearest.

@@ -159,7 +159,6 @@ impl ColourChoice {
         if let Some(pattern) = self.pattern() {
             return Self::read_mosaic(file, pattern, self.channel.unwrap_or(ColourChannel::Green));
         }
-        let mut file = file.clone();
         let chosen = match self.channel {
             Some(ColourChannel::Red) => Some((Channel::Red, ColourChannel::Red)),
             Some(ColourChannel::Blue) => Some((Channel::Blue, ColourChannel::Blue)),
@@ -168,15 +167,17 @@ impl ColourChoice {
         };
         // A channel in the path is a choice too.
         let is_named = file.meaning.channel.is_some();
-        if let (Some((channel, _)), false) = (chosen, is_named) {
-            file.meaning.channel = Some(channel);
+        if let (Some((channel, name)), false) = (chosen, is_named) {
+            let (stack, has_colours) = read_channel(file, channel)?;
+            let colour = has_colours.then(|| format!("the {name} channel"));
+            return Ok(ChosenFrames::of(stack, colour, |array| vec![array]));
         }
         let stack = file.read_of_colours(Channel::Green)?;
-        let mut colour = chosen.filter(|_| !is_named).map(|(_, name)| format!("the {name} channel"));
+        let mut colour = None;
         if stack.from_colour {
             if is_named {
                 return Err(CameraError::Colour {
-                    path: file.path,
+                    path: file.path.clone(),
                     expected: "one colour channel",
                     found: "a weighted grey value",
                     advice: "its noise is not that of a photon count; take ?channel=green",
@@ -191,6 +192,11 @@ impl ColourChoice {
     pub(super) fn of_one_plane(self) -> Self {
         let is_green = matches!(self.channel, None | Some(ColourChannel::Green));
         if self.bayer.is_some() && is_green { Self { channel: Some(ColourChannel::G1), ..self } } else { self }
+    }
+
+    /// Whether a channel of colour images is chosen, and no plane of mosaics.
+    pub(super) fn is_of_colour_images(self) -> bool {
+        self.channel.is_some() && self.pattern().is_none()
     }
 
     /// Whether both greens of a mosaic are summed.
@@ -233,6 +239,27 @@ impl ChosenFrames {
     fn of(stack: PixelStack, colour: Option<String>, planes: impl FnOnce(Array3<f32>) -> Vec<Array3<f32>>) -> Self {
         let (white, summary) = (stack.white, ImageSummary::of(&stack));
         Self { planes: planes(stack.into_array()), white, summary, colour }
+    }
+}
+
+/// A channel of a file, and whether the file has colours. Grey frames are read as they are.
+fn read_channel(file: &ImageFile, channel: Channel) -> Result<(PixelStack, bool), CameraError> {
+    let plain = file.read_of_colours(channel);
+    if plain.as_ref().is_ok_and(|stack| stack.from_colour) {
+        return Ok((plain?, true));
+    }
+    // The channel may also be a plane of an array, whose axes have another meaning then.
+    let mut named = file.clone();
+    named.meaning.channel = Some(channel);
+    let read = named.read();
+    match (plain, read) {
+        (Ok(plain), Ok(read)) => {
+            let is_plane = [3, 4].iter().any(|planes| read.pages * planes == plain.pages);
+            let is_grey = (read.rows, read.cols) == (plain.rows, plain.cols) && !is_plane;
+            Ok(if is_grey { (plain, false) } else { (read, true) })
+        }
+        (Ok(plain), Err(_)) => Ok((plain, false)),
+        (Err(_), read) => Ok((read?, true)),
     }
 }
 

@@ -84,6 +84,22 @@ pub enum CameraError {
         /// Mean of the dimmest light level, DN.
         dimmest: f64,
     },
+    /// Negative values of dark frames wrapped around zero.
+    #[error(
+        "{}: expected dark frames near one value, found {percent:.1} % of them above {above} DN at a median of {median} DN: negative values \
+         wrapped around zero; subtract the dark signal in signed numbers or floats, or leave it in",
+        .path.display()
+    )]
+    DarkWrapped {
+        /// The folder or descriptor.
+        path: PathBuf,
+        /// Share of the dark values that wrapped, per cent.
+        percent: f64,
+        /// Value above which they lie, DN.
+        above: f64,
+        /// Median of the dark values, DN.
+        median: f64,
+    },
     /// The temporal variance does not grow with the light.
     #[error("{}: expected a temporal variance that grows with the light, found at most {found} DN^2 at {dark} DN^2 in the dark; {advice}", .path.display())]
     NoShotNoise {

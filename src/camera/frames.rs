@@ -1,5 +1,9 @@
 //! Temporal mean and variance of the pixels of a group of frames.
 
+use std::collections::HashSet;
+use std::fs::File;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use ndarray::ArrayView2;
@@ -7,7 +11,7 @@ use ndarray::ArrayView2;
 use super::channel::ColourChoice;
 use super::error::CameraError;
 use super::series::{FrameGroup, FrameSeries};
-use crate::formats::{GreyValues, bits_of};
+use crate::formats::{GreyValues, Wrapped, bits_of};
 
 /// Frames of one group, reduced to temporal statistics of each pixel, row by row, in grey values (DN).
 #[derive(Clone, Debug)]
@@ -25,8 +29,10 @@ pub(super) struct FrameStack {
     pub(super) frame_means: (f64, f64),
     /// Smallest and largest value.
     pub(super) range: (f32, f32),
-    /// Share of the values that are 0.
-    pub(super) zero_share: f64,
+    /// Share of the values that are cut off at 0; 0 where values are negative.
+    pub(super) cut_off_share: f64,
+    /// Number of frames that repeat an earlier one.
+    pub(super) copies: usize,
 }
 
 /// Number type and size of all frames of a series, and the first file.
@@ -39,18 +45,37 @@ struct Format {
 
 /// Reads groups of frames of one size and number type.
 pub(super) struct FrameReader<'a> {
-    series: &'a FrameSeries,
+    pub(super) series: &'a FrameSeries,
     colour: ColourChoice,
     format: Option<Format>,
     /// Name of the colour that was taken.
     pub(super) colour_text: Option<String>,
+    /// Whether a path names a channel, which is then taken.
+    pub(super) names_channel: bool,
     /// All values so far.
     values: GreyValues,
+    /// Number of files so far, and of those that are JPEG.
+    pub(super) files: usize,
+    pub(super) jpegs: usize,
 }
 
 impl<'a> FrameReader<'a> {
     pub(super) fn new(series: &'a FrameSeries, colour: ColourChoice) -> Self {
-        Self { series, colour, format: None, colour_text: None, values: GreyValues::default() }
+        Self {
+            series,
+            colour,
+            format: None,
+            colour_text: None,
+            names_channel: false,
+            values: GreyValues::default(),
+            files: 0,
+            jpegs: 0,
+        }
+    }
+
+    /// Values so far that look like negative ones that wrapped around zero.
+    pub(super) fn wrapped(&self) -> Option<Wrapped> {
+        self.values.wrapped()
     }
 
     /// Step of the grey values: their greatest common divisor. 0 where values are not whole.
@@ -67,11 +92,15 @@ impl<'a> FrameReader<'a> {
     pub(super) fn read(&mut self, group: &FrameGroup) -> Result<FrameStack, CameraError> {
         let mut sums: Option<Sums> = None;
         for path in &group.files {
-            let read = self.colour.read(&self.series.image_file(path)?)?;
+            let file = self.series.image_file(path)?;
+            self.names_channel |= file.meaning.channel.is_some();
+            let read = self.colour.read(&file)?;
             // One plane of pixels has one dark signal and one gain.
             let Some(plane) = read.planes.into_iter().next() else { continue };
             let shape = (plane.dim().1, plane.dim().2);
             self.check(path, shape, read.white)?;
+            self.files += 1;
+            self.jpegs += usize::from(is_jpeg(path));
             self.colour_text = read.colour.or(self.colour_text.take());
             for frame in plane.outer_iter() {
                 check_finite(path, frame)?;
@@ -106,6 +135,12 @@ impl<'a> FrameReader<'a> {
     }
 }
 
+/// Whether a file that was read is JPEG, by its first bytes.
+fn is_jpeg(path: &Path) -> bool {
+    let mut start = [0; 3];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == [0xFF, 0xD8, 0xFF]
+}
+
 fn check_finite(path: &Path, frame: ArrayView2<'_, f32>) -> Result<(), CameraError> {
     match frame.indexed_iter().find(|(_, value)| !value.is_finite()) {
         None => Ok(()),
@@ -125,6 +160,9 @@ struct Sums {
     frame_means: (f64, f64),
     range: (f32, f32),
     zeros: usize,
+    /// Hashes of the frames so far.
+    hashes: HashSet<u64>,
+    copies: usize,
 }
 
 impl Sums {
@@ -142,6 +180,8 @@ impl Sums {
             frame_means: (f64::INFINITY, f64::NEG_INFINITY),
             range: (f32::INFINITY, f32::NEG_INFINITY),
             zeros: 0,
+            hashes: HashSet::new(),
+            copies: 0,
         }
     }
 
@@ -158,6 +198,7 @@ impl Sums {
             self.range = (self.range.0.min(value), self.range.1.max(value));
             self.zeros += usize::from(value == 0.0);
         }
+        self.copies += usize::from(has_noise(frame) && !self.hashes.insert(hash_of(frame)));
     }
 
     fn finish(self) -> FrameStack {
@@ -176,9 +217,24 @@ impl Sums {
             variance: variance.map(|variance: f64| variance.max(0.0)).collect(),
             frame_means: self.frame_means,
             range: self.range,
-            zero_share: self.zeros as f64 / (frames * pixels),
+            cut_off_share: if self.range.0 < 0.0 { 0.0 } else { self.zeros as f64 / (frames * pixels) },
+            copies: self.copies,
         }
     }
+}
+
+/// Whether most pixels lie between the smallest and the largest value. Frames that are saturated or dark have no noise.
+fn has_noise(frame: ArrayView2<'_, f32>) -> bool {
+    let limits =
+        frame.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &value| (low.min(value), high.max(value)));
+    let between = frame.iter().filter(|&&value| limits.0 < value && value < limits.1).count();
+    2 * between > frame.len()
+}
+
+fn hash_of(frame: ArrayView2<'_, f32>) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    frame.iter().for_each(|value| value.to_bits().hash(&mut hasher));
+    hasher.finish()
 }
 
 fn mean_of(frame: ArrayView2<'_, f32>) -> f64 {

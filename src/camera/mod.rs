@@ -15,6 +15,7 @@ mod grouping;
 mod line;
 mod locate;
 mod nonuniformity;
+mod notes;
 mod plot;
 mod response;
 mod series;

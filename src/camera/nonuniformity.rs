@@ -135,7 +135,8 @@ mod tests {
             variance: vec![2.0; 100],
             frame_means: (1.0, 1.0),
             range: (0.0, 2.0),
-            zero_share: 0.0,
+            cut_off_share: 0.0,
+            copies: 0,
         };
         let found = spatial_variance(&mean, &stack, &[true; 100]);
         assert!((found.fixed - (100.0 / 99.0 - 0.5)).abs() < 1e-12 && found.temporal == 0.5, "{found:?}");

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use ndarray::{Array3, s};
+use ndarray::{Array3, ArrayView2, s};
 
 use super::simulated::SimulatedSensor;
-use super::{CalibratedCamera, CameraCalibration, CameraError, ColourChoice, FrameSeries, calibrate};
+use super::{CalibratedCamera, CameraCalibration, CameraError, ColourChannel, ColourChoice, FrameSeries, calibrate};
 use crate::formats::{write_array, write_png16, write_tiff};
 use crate::progress::CancelToken;
 
@@ -116,6 +116,146 @@ fn dark_noise_that_is_cut_off_at_0_is_noted() {
             assert!(found.temporal_dark_noise_electrons < 4.8, "{found:?}");
         }
     }
+}
+
+/// Gains of sensors of 4 DN per electron whose dark noise is cut off at 0, and how many of their intervals hold the truth.
+fn cut_off_gains(seeds: std::ops::Range<u64>) -> (Vec<f64>, usize) {
+    let levels: Vec<f64> = (1..=12).map(|level| f64::from(level) * 100.0 / 12.0).collect();
+    let (mut gains, mut held) = (Vec::new(), 0);
+    for seed in seeds {
+        let sensor = SimulatedSensor {
+            shape: (64, 64),
+            gain: 4.0,
+            dark_noise: 3.0,
+            offset: 5.0,
+            dsnu: 0.0,
+            seed,
+            ..SimulatedSensor::default()
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let found = calibrated(&sensor.write(folder.path(), &levels, 2, 1.0)).unwrap().calibration;
+        let [low, high] = found.system_gain_dn_per_electron_interval_95;
+        held += usize::from((low..=high).contains(&4.0));
+        gains.push(found.system_gain_dn_per_electron);
+        assert!(has_note(
+            &found,
+            "light levels without the dark frames; dark signal and dynamic range are upper bounds"
+        ));
+        assert!(found.dark_signal_dn > 6.0 && found.temporal_dark_noise_electrons < 2.7, "{found:?}");
+    }
+    (gains, held)
+}
+
+#[test]
+fn gain_is_right_where_dark_noise_is_cut_off_at_0() {
+    let (gains, held) = cut_off_gains(100..140);
+    let mean = gains.iter().sum::<f64>() / 40.0;
+    assert!(held >= 34 && (mean / 4.0 - 1.0).abs() < 0.01, "{held} of 40 intervals, mean gain {mean}");
+}
+
+#[test]
+#[ignore = "takes half a minute"]
+fn gain_is_right_in_many_sensors_whose_dark_noise_is_cut_off_at_0() {
+    let (gains, held) = cut_off_gains(1000..1200);
+    let mean = gains.iter().sum::<f64>() / 200.0;
+    assert!((184..=198).contains(&held) && (mean / 4.0 - 1.0).abs() < 0.004, "{held} of 200, mean gain {mean}");
+}
+
+#[test]
+fn gain_is_an_upper_bound_where_light_is_cut_off_too() {
+    let sensor = SimulatedSensor { gain: 4.0, dark_noise: 3.0, offset: 5.0, dsnu: 0.0, ..SimulatedSensor::default() };
+    let folder = tempfile::tempdir().unwrap();
+    let found = calibrated(&sensor.write(folder.path(), &[4.0, 5.0, 6.0], 4, 1.0)).unwrap().calibration;
+    assert!(found.system_gain_dn_per_electron > 5.0, "{found:?}");
+    assert!(has_note(&found, "the gain is an upper bound"), "{:?}", found.notes);
+    // Noise below the first grey value is neither known nor a bound.
+    let quiet = SimulatedSensor { dark_noise: 0.05, offset: 0.0, ..sensor };
+    let found = calibrated(&quiet.write(folder.path(), &[40.0, 50.0, 60.0], 4, 1.0)).unwrap().calibration;
+    assert!(has_note(&found, "temporal dark noise and dynamic range are unknown"), "{:?}", found.notes);
+    assert!(!has_note(&found, "rounding rules"), "{:?}", found.notes);
+}
+
+/// Sub-folders of numbered frames, written by a function of path and frame.
+fn folders(groups: &[(&str, Array3<f32>)], write: impl Fn(&Path, ArrayView2<'_, f32>)) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, frames) in groups {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+        for (number, frame) in frames.outer_iter().enumerate() {
+            write(&folder.path().join(name).join(number.to_string()), frame);
+        }
+    }
+    folder
+}
+
+fn write_npy(path: &Path, frame: ArrayView2<'_, f32>) {
+    write_array(&path.with_extension("npy"), frame).unwrap();
+}
+
+/// Frames in the dark and of two light levels.
+fn three_groups(frames: usize) -> [(&'static str, Array3<f32>); 3] {
+    let sensor = SimulatedSensor { shape: (40, 50), ..SimulatedSensor::default() };
+    [("dark", 0.0), ("l1", 500.0), ("l2", 3000.0)]
+        .map(|(name, level)| (name, sensor.frames(level, frames, level as u64)))
+}
+
+#[test]
+fn negative_dark_values_that_wrapped_around_zero_are_named() {
+    let groups = three_groups(2).map(|(name, frames)| (name, frames.mapv(|value| (value - 64.0).rem_euclid(65536.0))));
+    let folder = folders(&groups, write_npy);
+    let error = calibrated(folder.path()).unwrap_err().to_string();
+    assert!(
+        error.contains("negative values wrapped around zero; subtract the dark signal in signed numbers"),
+        "{error}"
+    );
+    assert!(!error.contains("  ") && !error.contains('\n'), "{error}");
+}
+
+#[test]
+fn a_colour_of_grey_frames_is_refused() {
+    let folder = folders(&three_groups(2), write_npy);
+    let series = FrameSeries::open(folder.path()).unwrap();
+    let with = |channel| {
+        let colour = ColourChoice { channel: Some(channel), bayer: None };
+        calibrate(&series, colour, &mut CancelToken::new())
+    };
+    let error = with(ColourChannel::Red).unwrap_err().to_string();
+    assert!(error.contains("found grey frames; leave the channel out"), "{error}");
+    assert_eq!(with(ColourChannel::R).unwrap().calibration.colour.unwrap(), "the R pixels of raw RGGB mosaics");
+    let coloured = folders(&three_groups(2), |path, frame| {
+        let colours = ndarray::stack![ndarray::Axis(2), frame, frame.mapv(|value| value + 1.0), frame];
+        write_array(&path.with_extension("npy"), colours.view()).unwrap();
+    });
+    let series = FrameSeries::open(coloured.path()).unwrap();
+    let colour = ColourChoice { channel: Some(ColourChannel::Blue), bayer: None };
+    let found = calibrate(&series, colour, &mut CancelToken::new()).unwrap().calibration;
+    assert_eq!(found.colour.unwrap(), "the blue channel");
+    // A channel in the path comes first.
+    let named = FrameSeries::open(format!("{}?channel=green", coloured.path().display()).as_ref()).unwrap();
+    assert_eq!(calibrate(&named, colour, &mut CancelToken::new()).unwrap().calibration.colour, None);
+}
+
+#[test]
+fn jpeg_frames_and_copies_of_frames_are_noted() {
+    let folder = folders(&three_groups(2), |path, frame| {
+        let bytes: Vec<u8> = frame.iter().map(|value| (value / 16.0) as u8).collect();
+        let file = std::fs::File::create(path.with_extension("jpg")).unwrap();
+        let mut encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(file, 100);
+        encoder.encode(&bytes, 50, 40, image::ExtendedColorType::L8).unwrap();
+    });
+    let found = calibrated(folder.path()).unwrap().calibration;
+    assert!(has_note(&found, "6 of 6 files are JPEG, which is not linear"), "{:?}", found.notes);
+    let mut groups = three_groups(4);
+    let found = calibrated(folders(&groups, write_npy).path()).unwrap().calibration;
+    assert!(!has_note(&found, "JPEG") && !has_note(&found, "copies"), "{:?}", found.notes);
+    let first = groups[0].1.slice(s![..1, .., ..]).to_owned();
+    groups[0].1.assign(&first);
+    let found = calibrated(folders(&groups, write_npy).path()).unwrap().calibration;
+    let note = "3 frames repeat another one of the same group, first in dark: copies have no temporal noise";
+    assert!(has_note(&found, note), "{:?}", found.notes);
+    // Saturated frames are equal and no copies.
+    let mut groups = three_groups(4).to_vec();
+    groups.push(("l3", Array3::from_elem((4, 40, 50), 4095.0)));
+    assert!(!has_note(&calibrated(folders(&groups, write_npy).path()).unwrap().calibration, "copies"));
 }
 
 #[test]

@@ -20,6 +20,10 @@ const FITTED_SHARE: f64 = 0.7;
 const LEAST_VARIANCE: f64 = 0.24;
 /// Dark variance below which the variance of rounded values depends on where the mean lies between two steps, in squared steps.
 const ROUNDED_VARIANCE: f64 = 0.4;
+/// Largest share of dark values at 0 where the noise counts as complete (EMVA 1288).
+const MOST_CUT_OFF: f64 = 0.005;
+/// Largest share of values at 0 of a light level whose variance replaces that in the dark: it then loses about 0.1 %.
+const MOST_CUT_OFF_OF_LIGHT: f64 = 0.0005;
 /// Variance of the rounding error, in squared steps.
 pub(super) const ROUNDING_VARIANCE: f64 = 1.0 / 12.0;
 /// Standard errors by which a variance has to differ to count.
@@ -36,10 +40,17 @@ pub(super) struct Step {
     pub(super) photons: Option<f64>,
     pub(super) frames: usize,
     pub(super) pixels: f64,
+    /// Share of the values that are cut off at 0.
+    pub(super) cut_off_share: f64,
     pub(super) sums: BlockSums,
 }
 
 impl Step {
+    /// Whether the camera cuts the noise of dark frames off at 0.
+    fn is_cut_off(&self) -> bool {
+        self.cut_off_share > MOST_CUT_OFF
+    }
+
     /// Relative standard error of the variance.
     fn relative_error(&self) -> f64 {
         (2.0 / (self.pixels * (self.frames as f64 - 1.0))).sqrt()
@@ -152,28 +163,21 @@ impl TransferSeries<'_> {
         let shortest = self.shortest_dark();
         let square = self.step * self.step;
         let dark_variance = plain.darks[shortest].variance;
-        // Rounded values of little noise have a variance that depends on their mean: the line then starts anywhere.
-        let resolved = |&level: &usize| plain.lights[level].variance >= ROUNDED_VARIANCE * square;
-        let starts_anywhere = dark_variance < ROUNDED_VARIANCE * square
-            && fitted.iter().copied().filter(|level| resolved(level)).count() > 1;
-        if starts_anywhere {
-            fitted.retain(resolved);
-            notes.push(format!(
-                "the dark variance of {dark_variance:.3} DN^2 is mostly rounding, so the line of the gain starts at a fitted \
-                 variance"
-            ));
-        }
+        let start = self.start(&plain, &dark_of, &mut fitted, &mut notes);
         let points = |drawn: &Drawn| -> Vec<[f64; 2]> {
             let point = |&level: &usize| {
-                let variance = drawn.lights[level].variance;
-                let start = if starts_anywhere { 0.0 } else { drawn.darks[dark_of[level]].variance };
-                [signal(drawn, level), variance - start]
+                let Moments { mean, variance } = drawn.lights[level];
+                match start {
+                    Start { is_fitted: true, is_cut_off: true } => [mean, variance],
+                    Start { is_fitted: true, .. } => [signal(drawn, level), variance],
+                    _ => [signal(drawn, level), variance - drawn.darks[dark_of[level]].variance],
+                }
             };
             fitted.iter().map(point).collect()
         };
         let slope = |drawn: &Drawn| {
             let points = points(drawn);
-            if starts_anywhere {
+            if start.is_fitted {
                 Line::fit_relative(&points).map_or(f64::NAN, |line| line.slope)
             } else {
                 gain_through_origin(&points, drawn.darks[shortest].variance)
@@ -187,11 +191,10 @@ impl TransferSeries<'_> {
         if fitted.len() < 3 {
             notes.push(format!("the gain rests on {} below 70 % of saturation", counted(fitted.len(), "light level")));
         }
-        if !starts_anywhere {
+        if !start.is_fitted {
             notes.extend(bend(&points(&plain), gain, |at| self.lights[fitted[at]].relative_error()));
         }
-        let clamped = dark_variance < LEAST_VARIANCE * square;
-        if clamped {
+        if dark_variance < LEAST_VARIANCE * square && !start.is_cut_off {
             notes.push(format!(
                 "the dark variance of {dark_variance:.3} DN^2 is below 0.24 squared steps, where rounding rules: the temporal dark \
                  noise is at most the value given"
@@ -232,6 +235,33 @@ impl TransferSeries<'_> {
             levels: levels.collect(),
             notes,
         })
+    }
+
+    /// Where the line of the gain starts. The `fitted` levels lose those that a line without dark frames cannot rest on.
+    fn start(&self, plain: &Drawn, dark_of: &[usize], fitted: &mut Vec<usize>, notes: &mut Vec<String>) -> Start {
+        let (shortest, square) = (self.shortest_dark(), self.step * self.step);
+        let dark_variance = plain.darks[shortest].variance;
+        let cut_off = dark_of.iter().chain([&shortest]).map(|&dark| &self.darks[dark]).find(|dark| dark.is_cut_off());
+        // Rounded values of little noise have a variance that depends on their mean: the line then starts anywhere.
+        let resolved = |&level: &usize| {
+            plain.lights[level].variance >= ROUNDED_VARIANCE * square
+                && (cut_off.is_none() || self.lights[level].cut_off_share <= MOST_CUT_OFF_OF_LIGHT)
+        };
+        let is_fitted = (cut_off.is_some() || dark_variance < ROUNDED_VARIANCE * square)
+            && fitted.iter().copied().filter(|level| resolved(level)).count() > 1;
+        if is_fitted {
+            fitted.retain(resolved);
+        }
+        if let Some(dark) = cut_off {
+            let clamped = dark_variance < LEAST_VARIANCE * square;
+            notes.push(cut_off_note(dark.cut_off_share, is_fitted.then_some(fitted.len()), clamped));
+        } else if is_fitted {
+            notes.push(format!(
+                "the dark variance of {dark_variance:.3} DN^2 is mostly rounding, so the line of the gain starts at a fitted \
+                 variance"
+            ));
+        }
+        Start { is_fitted, is_cut_off: cut_off.is_some() }
     }
 
     fn note_exposures(&self, dark_of: &[usize], notes: &mut Vec<String>) {
@@ -316,6 +346,15 @@ impl TransferSeries<'_> {
     }
 }
 
+/// The start of the line of the gain.
+#[derive(Clone, Copy)]
+struct Start {
+    /// Whether it is a fitted variance in place of the dark one.
+    is_fitted: bool,
+    /// Whether the camera cuts dark noise off at 0, so that dark means are too large. Each exposure has another such mean.
+    is_cut_off: bool,
+}
+
 /// Saturation above the dark signal, DN.
 struct Saturation {
     signal: f64,
@@ -335,6 +374,27 @@ fn gain_through_origin(points: &[[f64; 2]], dark_variance: f64) -> f64 {
     }
     // A series without shot noise is refused by its first slope.
     if first > 0.0 { products / squares } else { first }
+}
+
+/// A note on dark frames whose noise is cut off at 0, as with too small an offset of the camera.
+///
+/// `levels` is the number of light levels that give the gain without the dark frames; `None` where too few are free of 0. A variance
+/// that is `clamped` is no bound of the dark noise.
+fn cut_off_note(share: f64, levels: Option<usize>, clamped: bool) -> String {
+    let gain = match levels {
+        Some(levels) => format!("the gain comes from {levels} light levels without the dark frames"),
+        None => "the gain is an upper bound".into(),
+    };
+    let bounds = if clamped {
+        "dark signal is an upper bound, temporal dark noise and dynamic range are unknown"
+    } else {
+        "dark signal and dynamic range are upper bounds, temporal dark noise and DSNU lower bounds"
+    };
+    format!(
+        "{:.1} % of the dark values are 0, where the camera cuts its noise off: {gain}; {bounds}; record with a larger offset (black \
+         level)",
+        100.0 * share
+    )
 }
 
 /// A note on a photon transfer curve that is no line: its variance per signal changes from dim to bright levels.

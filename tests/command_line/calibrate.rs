@@ -67,6 +67,9 @@ fn what_cannot_be_calibrated_is_refused_and_nothing_is_written() {
     bench.write("alone/dark_1.npy", npy("(2, 2)", &[1.0; 4]));
     bench.write("alone/light_1.npy", npy("(2, 2)", &[1.0; 4]));
     bench.write("wrong.txt", "b 1\n");
+    let wrapped: Vec<f32> = frames(0.0, 1).iter().map(|value| (value - 100.0).rem_euclid(65536.0)).collect();
+    bench.write("wrapped/dark.npy", npy("(2, 40, 50)", &wrapped));
+    bench.write("wrapped/light.npy", npy("(2, 40, 50)", &frames(500.0, 2)));
     for (line, part) in [
         ("calibrate", "FRAMES"),
         ("calibrate none", "found nothing"),
@@ -77,6 +80,8 @@ fn what_cannot_be_calibrated_is_refused_and_nothing_is_written() {
         ("calibrate frames --out frames/dark.npy", "found an input"),
         ("calibrate frames --out a.json --descriptor ./a.json", "expected two files"),
         ("calibrate frames --channel luma", "expected red, green, blue"),
+        ("calibrate frames --channel red", "found grey frames; leave the channel out"),
+        ("calibrate wrapped", "negative values wrapped around zero"),
         ("calibrate frames --bayer RGB", "expected RGGB"),
     ] {
         let sentence = bench.refused(line);
