@@ -15,7 +15,7 @@ const LEAST_SATURATED: f64 = 0.01;
 pub(super) fn at_limits(values: &GreyValues) -> Option<String> {
     let wrapped = values.wrapped().map(|wrapped| wrapped.to_string());
     let saturated = values.saturated().filter(|saturated| saturated.share >= LEAST_SATURATED);
-    wrapped.or(saturated.map(|saturated| format!("{saturated}: what was brighter there is lost")))
+    wrapped.or(saturated.map(|saturated| format!("{saturated}: where they are saturated, what was brighter is lost")))
 }
 
 /// Checks every pixel and sets slightly negative ones to 0.

@@ -70,22 +70,17 @@ fn blocks_of_constant_light_are_found() {
 }
 
 /// A wide mask passes fine structure weakly. Its object must not stay negative where there is no light, because what is left without its
-/// negative light is too bright.
+/// negative light does not fit the measurement.
 #[test]
-fn objects_before_a_wide_mask_have_the_light_of_the_measurement() {
+fn objects_before_a_wide_mask_fit_the_measurement_without_negative_light() {
     let mut random = ChaCha8Rng::seed_from_u64(7);
     let psf = Array3::from_shape_fn((1, 48, 48), |_| f64::from(random.random::<f32>()).powi(8));
     let psf = &psf / psf.sum();
     let model = ImagingModel::new(psf.view(), (100, 100), 0.0, Noise::Shot).unwrap();
-    let object = blocks((100, 100), 1e5);
-    let y = measure(&model, &object, 1);
+    let y = measure(&model, &blocks((100, 100), 1e5), 1);
     let found = reconstruct(&TotalVariation { iterations: 100, weight: None }, &model, &y);
-    let mut noiseless = model.clone();
-    noiseless.noise = Noise::None;
-    let light = measure(&noiseless, &found, 1).sum() / y.sum();
     let residual = residual(&model, &found, &y);
-    println!("light {light:.4}, residual {residual:.2}");
-    assert!((light - 1.0).abs() < 2e-3 && residual < 10.0, "{light} {residual}");
+    assert!(residual < 6.0, "{residual}");
 }
 
 #[test]

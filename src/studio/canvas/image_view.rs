@@ -11,8 +11,9 @@ use crate::studio::widgets::controls::name_widget;
 use crate::studio::widgets::format::format_significant;
 use crate::workbench::Colormap;
 
-/// Width of the choice of colours, points: that of the longest name.
-const COLOURS: f32 = 92.0;
+/// Width of the choice of colours, points: that of most names, and of the longest one.
+const COLOURS: f32 = 76.0;
+const WIDE_COLOURS: f32 = 92.0;
 /// Least width with a colour bar, points. The image alone fills less.
 const LEAST_WITH_BAR: f32 = 130.0;
 /// Limit of a texture's side, pixels.
@@ -75,6 +76,8 @@ pub struct ImageView {
     detail: &'static str,
     /// Unit of the values.
     unit: &'static str,
+    /// Width of the choice of colours, points.
+    colours_width: f32,
     /// The colours.
     pub colormap: Colormap,
     /// Zoom and pan.
@@ -122,6 +125,7 @@ impl ImageView {
             name,
             detail: "",
             unit,
+            colours_width: COLOURS,
             colormap,
             viewport: Viewport::default(),
             pixel: PixelSize::of_sensor(None),
@@ -141,6 +145,11 @@ impl ImageView {
     /// Its name.
     pub fn name(&self) -> &'static str {
         self.name
+    }
+
+    /// The same view with a choice of colours as wide as the longest name, so that its row stays in place beside views of other colours.
+    pub fn with_wide_colours(self) -> Self {
+        Self { colours_width: WIDE_COLOURS, ..self }
     }
 
     /// Sets what the values are of, as in "of the linear estimate"; empty where the name says it.
@@ -186,7 +195,7 @@ impl ImageView {
     pub fn colour_controls(&mut self, ui: &mut Ui, palettes: &ColourPalettes) {
         let response = egui::ComboBox::from_id_salt((self.name, "colormap"))
             .selected_text(self.colormap.to_string())
-            .width(COLOURS)
+            .width(self.colours_width)
             .show_ui(ui, |ui| {
                 for map in Colormap::ALL {
                     ui.selectable_value(&mut self.colormap, map, map.to_string());

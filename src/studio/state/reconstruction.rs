@@ -46,9 +46,9 @@ impl Default for ReconstructionState {
             training: TrainingForm::default(),
             wanted: ShownQuantity::Object,
             shown: ShownQuantity::Object,
-            object: ImageView::new("Reconstruction", "photons", Colormap::Gray),
-            error: ImageView::new("Reconstruction error", "photons", Colormap::Diverging),
-            uncertainty: ImageView::new("Reconstruction uncertainty", "photons", Colormap::Viridis),
+            object: ImageView::new("Reconstruction", "photons", Colormap::Gray).with_wide_colours(),
+            error: ImageView::new("Reconstruction error", "photons", Colormap::Diverging).with_wide_colours(),
+            uncertainty: ImageView::new("Reconstruction uncertainty", "photons", Colormap::Viridis).with_wide_colours(),
             below: 0.0,
         }
     }
