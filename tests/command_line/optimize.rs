@@ -9,7 +9,7 @@ use super::{Bench, npy, text};
 
 /// A run that takes a second.
 const TINY: &str = "optimize --start random:4 --seed 5 --objects beads:0.05 --patch 6 --objective density --score none \
-                    --config {\"first_fit\":60,\"refit\":15,\"last_fit\":60}";
+                    --config {\"first_fit\":20,\"refit\":5,\"last_fit\":20}";
 
 fn read(bench: &Bench, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(bench.path(name)).unwrap()).unwrap()
@@ -68,7 +68,7 @@ fn two_starts(bench: &Bench, side: usize) -> String {
     let values: Vec<f32> = (0..30 * side * side).map(value).collect();
     bench.write("seen.npy", npy(&format!("(30, {side}, {side})"), &values));
     let objects =
-        "--objects stack:seen.npy --patch 6 --config {\"first_fit\":60,\"last_fit\":60} --score 0.2s --baselines 2";
+        "--objects stack:seen.npy --patch 6 --config {\"first_fit\":20,\"last_fit\":20} --score 0.2s --baselines 2";
     format!("optimize --start random:4 --seed 5 {objects} --starts 2 --steps 2 --out a")
 }
 
@@ -129,7 +129,7 @@ fn tasks_of_a_job_array_share_the_starts() {
     let steps = "\"first_fit\":2,\"refit\":2,\"last_fit\":2,\"refit_every\":1";
     let tiny = format!("\"objects\":4,\"patches\":4,\"substeps\":1,\"relocation_candidates\":0,{steps}");
     let line = two_starts(&bench, 33).replace("--patch 6", "--patch 2");
-    let line = line.replace("\"first_fit\":60,\"last_fit\":60", &tiny);
+    let line = line.replace("\"first_fit\":20,\"last_fit\":20", &tiny);
     bench.done(&line.replace("--out a", "--out whole"));
     let first = bench.json(&format!("{line} --shard 1/2"));
     assert_eq!((&first["shard"], &first["waiting"]), (&json!("1/2"), &json!([1])));
@@ -238,7 +238,7 @@ fn failed_start_is_reported_even_with_a_closed_pipe() {
 #[test]
 fn missing_sensor_score_alone_is_computed_again() {
     let bench = Bench::new();
-    let line = two_starts(&bench, 66);
+    let line = two_starts(&bench, 66).replace("--score 0.2s --baselines 2", "--score none");
     let told = bench.json(&line);
     // The best start failed before.
     let mut order = read(&bench, "a/order.json");

@@ -171,8 +171,8 @@ fn former_names_of_commands_and_flags_are_read() {
     bench.write("one.npy", npy("(2, 2)", &[1.0, 2.0, 3.0, 4.0]));
     let sizes = "--patch 6 --patches-test 20 --steps 2 --seed 3";
     for (former, now) in [
-        ("look --lenslets heuristic:2", "bounds --mask heuristic:2"),
-        ("look --lenslets psf:one.npy@8", "bounds --mask psf:one.npy --resample 8"),
+        ("look --field 40 --lenslets heuristic:2", "bounds --field 40 --mask heuristic:2"),
+        ("look --field 24 --lenslets psf:one.npy@8", "bounds --field 24 --mask psf:one.npy --resample 8"),
         (
             &*format!("estimate --estimator causal --fresh {sizes}"),
             &*format!("estimate --estimator causal --init random {sizes}"),

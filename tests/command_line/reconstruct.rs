@@ -88,7 +88,7 @@ fn a_capture_that_is_stopped_by_a_signal_saves_nothing_and_says_so() {
     use std::os::unix::process::ExitStatusExt;
     let bench = Bench::new();
     bench.write("psf.npy", npy("(16, 16)", &(0..256).map(|index| (index % 17) as f32).collect::<Vec<_>>()));
-    let capture: Vec<f32> = (0..700 * 700).map(|index| 60.0 + (index * 7919 % 200) as f32).collect();
+    let capture: Vec<f32> = (0..700 * 700_u64).map(|index| 60.0 + (index * 7919 % 200) as f32).collect();
     bench.write("capture.npy", npy("(700, 700)", &capture));
     let line = "reconstruct --measurement capture.npy --psf psf.npy --dark 0 --out a";
     let (status, rest) = stopped(&bench, line, "psf.npy");
