@@ -161,7 +161,7 @@ impl FitCheckpoint for StateFile<'_> {
 
     fn store(&self, state: &[u8]) -> Result<(), InformationError> {
         let written = write_safely(&self.file.path, |out| out.write_all(state));
-        // While it goes on, the earlier state stays, and the next one may find room.
+        // While the training runs, the earlier state stays, and the next one may find room.
         if self.stop.check().is_break() { Ok(written?) } else { Ok(()) }
     }
 }
