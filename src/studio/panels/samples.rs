@@ -16,6 +16,9 @@ use crate::studio::state::view::View;
 use crate::studio::widgets::controls::{name_widget, placeholder, toolbar};
 use crate::workbench::Live;
 
+/// Width of the number of the sample with the buttons for the previous and the next one, points.
+const SAMPLE_NUMBER: f32 = 112.0;
+
 /// Shows the object.
 pub fn show_object(ui: &mut Ui, samples: &mut SamplesState, view: &View<'_>, requests: &mut Vec<Request>) {
     toolbar(ui, |ui| {
@@ -83,6 +86,10 @@ fn sample_controls(ui: &mut Ui, samples: &mut SamplesState, live: &Live, what: &
     let count = live.scene.as_ref().map_or(1, |scene| scene.value.objects.len_of(Axis(0))).max(1);
     let sample = &mut samples.shown.index;
     *sample = (*sample).min(count - 1);
+    // Both buttons stand beside the number.
+    if ui.available_size_before_wrap().x < SAMPLE_NUMBER {
+        ui.end_row();
+    }
     let previous = ui.small_button("<").on_hover_text("Previous sample");
     name_widget(&previous, &format!("Previous {what}"));
     if previous.clicked() {
