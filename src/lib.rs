@@ -51,6 +51,7 @@ pub mod progress;
 pub mod reconstruction;
 pub mod seeds;
 pub mod sensor;
+pub mod significant;
 pub mod sparsity;
 pub mod studies;
 #[cfg(feature = "studio")]

@@ -231,7 +231,8 @@ fn has_noise(frame: ArrayView2<'_, f32>) -> bool {
     2 * between > frame.len()
 }
 
-fn hash_of(frame: ArrayView2<'_, f32>) -> u64 {
+/// Hash of all pixels, for copies.
+pub(crate) fn hash_of(frame: ArrayView2<'_, f32>) -> u64 {
     let mut hasher = DefaultHasher::new();
     frame.iter().for_each(|value| value.to_bits().hash(&mut hasher));
     hasher.finish()

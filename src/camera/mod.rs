@@ -31,6 +31,7 @@ pub use channel::{BayerPattern, ChosenFrames, ColourChannel, ColourChoice};
 pub use curves::{LinearityCurve, LinearityPoint};
 pub use error::CameraError;
 pub use file::{CameraFile, MapFiles};
+pub(crate) use frames::hash_of;
 pub use group_summary::GroupSummary;
 pub use series::{FrameGroup, FrameSeries, Grouping};
 pub use summary::Quantity;

@@ -153,7 +153,8 @@ pub fn names_of(files: &[PathBuf]) -> Vec<String> {
 /// Refuses a count that is out of range.
 pub fn check_count(name: &str, found: usize, range: RangeInclusive<usize>) -> anyhow::Result<()> {
     if !range.contains(&found) {
-        bail!("{name} {found}: expected {} to {}", range.start(), range.end());
+        let cure = if found < *range.start() { "raise it" } else { "lower it" };
+        bail!("{name} {found}: expected {} to {}; {cure}", range.start(), range.end());
     }
     Ok(())
 }

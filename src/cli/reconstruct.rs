@@ -14,7 +14,7 @@ use super::design_args::{DesignArgs, SceneArgs, check_inputs_stay};
 use super::failure::Failure;
 use super::output;
 use super::output::ProgressLine;
-use super::reconstruct_folder::{OutFolder, remove_later_images};
+use super::reconstruct_folder::OutFolder;
 use super::reconstruct_network::{NetworkArgs, NetworkResult, settings_key};
 use super::stop::{StopSignal, is_stopped};
 use crate::formats::remove_if_there;
@@ -195,13 +195,6 @@ impl Arguments {
 
     /// Refuses numbers that are out of range, and flags that do not fit each other.
     fn check(&self, kind: DecoderKind) -> anyhow::Result<()> {
-        if self.test < *TEST_OBJECTS.start() {
-            anyhow::bail!(
-                "--test {}: expected 2 to {}; raise it, as fewer have no interval",
-                self.test,
-                TEST_OBJECTS.end()
-            );
-        }
         check_count("--test", self.test, TEST_OBJECTS)?;
         self.sweeps.map_or(Ok(()), |sweeps| check_count("--sweeps", sweeps, SWEEPS))?;
         if let Some(examples) = self.examples {
@@ -374,13 +367,9 @@ impl Arguments {
             let mut writer = ReconstructionWriter::create(out, &object_shape)?;
             writer.append(objects.view().into_dyn())?;
             for (frame, (object, measured)) in objects.outer_iter().zip(measured.outer_iter()).enumerate() {
-                writer.image(&format!("reconstruction-{}", frame + 1), object)?;
-                writer.image(&format!("measurement-{}", frame + 1), measured)?;
+                writer.frame(frame + 1, object, measured)?;
             }
             written = writer.finish()?;
-            for name in ["reconstruction", "measurement"] {
-                remove_later_images(out, name, objects.len_of(Axis(0)))?;
-            }
         }
         let (frames, rows, cols, _) = measured.dim();
         let result = CaptureResult {

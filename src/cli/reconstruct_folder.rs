@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::choices::check_folder;
 use super::stop::StopSignal;
-use crate::formats::{DocumentKind, lock_folder, remove_if_there, write_safely};
+use crate::formats::{DocumentKind, lock_folder, write_safely};
 use crate::information::{FitCheckpoint, FitFile, InformationError};
 
 /// The kind of the file of settings.
@@ -50,18 +50,6 @@ impl Drop for OutFolder {
             let _ = fs::remove_dir(folder);
         }
     }
-}
-
-/// Removes the images of frames of an earlier, longer run: `NAME-4.png` and so on after three frames.
-pub fn remove_later_images(folder: &Path, name: &str, frames: usize) -> anyhow::Result<()> {
-    for number in frames + 1.. {
-        let file = folder.join(format!("{name}-{number}.png"));
-        if !file.is_file() {
-            return Ok(());
-        }
-        remove_if_there(&file)?;
-    }
-    Ok(())
 }
 
 /// A folder of networks of the same settings.
@@ -209,18 +197,5 @@ mod tests {
         assert!(store(&StopSignal::listen_if(false)).is_ok());
         let error = store(&StopSignal::received()).unwrap_err().to_string();
         assert!(error.contains("network-1.state: expected"), "{error}");
-    }
-
-    #[test]
-    fn images_of_later_frames_go_and_others_stay() {
-        let folder = tempfile::tempdir().unwrap();
-        for name in ["measurement-1.png", "measurement-2.png", "measurement-3.png", "measurement-5.png"] {
-            fs::write(folder.path().join(name), "x").unwrap();
-        }
-        remove_later_images(folder.path(), "measurement", 1).unwrap();
-        assert_eq!(
-            [1, 2, 3, 5].map(|n| folder.path().join(format!("measurement-{n}.png")).exists()),
-            [true, false, false, true]
-        );
     }
 }

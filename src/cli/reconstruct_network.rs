@@ -67,7 +67,7 @@ pub struct NetworkResult {
     steps: usize,
     /// Seconds of work of the training.
     training_seconds: f64,
-    /// PSNR of the kept weights on validation objects, dB.
+    /// PSNR of the best weights on validation objects, dB.
     validation_psnr_db: f64,
     /// PSNR of the linear estimate of the same objects, dB; absent for the U-net.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,18 +1,19 @@
 //! Checks of camera images and of the estimates from them, a sentence each.
 
 use std::collections::HashSet;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
-use ndarray::{ArrayView2, ArrayView3, Axis, s};
+use ndarray::{ArrayView3, Axis, s};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::camera::hash_of;
 use crate::evaluation::calibration::Calibration;
 use crate::evaluation::pixel_calibration::Origins;
 use crate::formats::GreyValues;
 use crate::information::{Estimator, NoiseEntropy, Protocol, gaussian_entropy};
 use crate::plural::{counted, one_or_many};
 use crate::sensor::Noise;
+use crate::significant::significant;
 
 /// Least share of the variance that is the same in all images for a note.
 const FIXED_SHARE: f64 = 0.02;
@@ -63,13 +64,11 @@ impl GreyNotes {
 
 /// Notes on grey values.
 pub(crate) fn grey_notes(values: &GreyValues) -> GreyNotes {
-    let wrapped = values.wrapped();
-    // The top of wrapped values is no saturation.
-    let saturated = values.saturated().filter(|_| wrapped.is_none()).map(|saturated| {
+    let saturated = values.saturated().map(|saturated| {
         let advice = if saturated.share > MANY_SATURATED { ", and the estimate is not to be relied on" } else { "" };
         format!("{saturated}: they are saturated{advice}")
     });
-    let wrapped = wrapped.map(|wrapped| wrapped.to_string());
+    let wrapped = values.wrapped().map(|wrapped| wrapped.to_string());
     let cut_off = values.cut_off_at_zero().map(|share| {
         format!(
             "{:.1} % of the pixels are 0, far more than have the next grey values: noise below the dark level was cut off and counts as \
@@ -133,8 +132,7 @@ pub(crate) fn fixed_pattern_note(photons: ArrayView3<'_, f32>, has_dark: bool) -
 /// A note on images that equal an earlier one, of which one may be a test image and the other one of training.
 pub(crate) fn copies_note(photons: ArrayView3<'_, f32>) -> Option<String> {
     let mut seen = HashSet::new();
-    let bits = |image: ArrayView2<'_, f32>| image.iter().map(|value| value.to_bits()).collect::<Vec<u32>>();
-    let copies = photons.outer_iter().filter(|image| !seen.insert(hash_of(&bits(image.view())))).count();
+    let copies = photons.outer_iter().filter(|image| !seen.insert(hash_of(image.view()))).count();
     (copies > 0).then(|| {
         format!(
             "{copies} of {} {} an earlier one: estimates take images to be independent; leave copies out",
@@ -142,12 +140,6 @@ pub(crate) fn copies_note(photons: ArrayView3<'_, f32>) -> Option<String> {
             one_or_many(copies, "equals", "equal")
         )
     })
-}
-
-fn hash_of(bits: &[u32]) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    bits.hash(&mut hasher);
-    hasher.finish()
 }
 
 /// Variance of the noise of neighbouring pixels at most: half the mean square of their differences, photons^2.
@@ -207,12 +199,10 @@ pub(crate) fn below_zero(
         (mean_of(photons), neighbour_variance(photons) - noise.read_sigma().unwrap_or_default().powi(2));
     let fitting = if variance > 0.0 {
         let offset = offset + (mean - variance) * gain / (bin * bin) as f64;
-        let gain = gain * variance / mean;
-        // Three significant digits, of a gain that may be very small.
-        let decimals = (2.0 - gain.log10().floor()).clamp(0.0, 12.0) as usize;
         format!(
-            "; shot noise fits an offset of {offset:.1} DN at this gain, or a gain of {gain:.decimals$} DN per photon at this offset; \
-             images that were averaged, denoised or interpolated vary less as well"
+            "; shot noise fits an offset of {offset:.1} DN at this gain, or a gain of {} DN per photon at this offset; images that were \
+             averaged, denoised or interpolated vary less as well",
+            significant(gain * variance / mean, 3)
         )
     } else {
         String::new()

@@ -66,6 +66,7 @@ mod tests {
         assert!(files.iter().all(|file| file.meaning.frame == Some(2)));
         assert_eq!(image_files(&files[0].path).unwrap()[0].path, files[0].path);
     }
+
     #[test]
     fn folders_in_a_folder_without_images_are_named() {
         let folder = tempfile::tempdir().unwrap();

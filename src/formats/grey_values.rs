@@ -146,8 +146,12 @@ impl GreyValues {
         Some(f64::from(high - low) / self.step()? + 1.0)
     }
 
-    /// Pixels at the largest value, where it is that of the number type or many more have it than the values before it.
+    /// Pixels at the largest value, where it is that of the number type or many more have it than the values before it. The top of values
+    /// that wrapped is no saturation.
     pub fn saturated(&self) -> Option<Saturated> {
+        if self.wrapped().is_some() {
+            return None;
+        }
         let (low, value) = self.range?;
         let share = self.at_most as f64 / self.count as f64;
         let is_white = self.white.is_some_and(|white| value >= f32::from(white));

@@ -18,7 +18,7 @@ use crate::plural::counted;
 /// or Fortran order. NaN and infinities stay.
 ///
 /// # Errors
-/// [`FormatError`] if the file is missing, is not NPY, is truncated, holds another number type, or goes on behind the
+/// [`FormatError`] if the file is missing, is not NPY, is truncated, holds another number type, or has bytes behind the
 /// array.
 pub fn read_array(path: &Path) -> Result<ArrayD<f32>, FormatError> {
     let (file, length) = open(path)?;

@@ -132,6 +132,21 @@ pub(super) fn load(
     Ok(combine(items, size))
 }
 
+/// Reads the images of one file.
+pub(super) fn one_file(
+    path: &Path,
+    read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
+    report: &mut FileReport,
+    progress: &mut dyn Progress<ReadProgress>,
+) -> Result<PixelStack, ObjectError> {
+    report_read(progress, &ReadProgress::files(0, 1))?;
+    let mut stack = read(path)?;
+    report.understood = Some(ImageSummary::of(&stack).to_string());
+    report.notices.extend(clean(path, &mut stack)?);
+    report_read(progress, &ReadProgress::files(1, 1))?;
+    Ok(stack)
+}
+
 /// Notice of floating-point images among integer ones: their range is unknown.
 fn mixed_levels(items: &mut [Item]) -> Option<String> {
     let all = items.len();

@@ -8,13 +8,13 @@ use ndarray::{Array2, Array4, ArrayViewMut2};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::formats::{FormatError, GreyValues, ImageSummary, PixelStack, read_cifar, read_idx, read_stack};
+use crate::formats::{FormatError, GreyValues, PixelStack, read_cifar, read_idx, read_stack};
 use crate::plural::counted;
 use crate::progress::{CancelToken, Progress};
 
 use super::beads::{BeadScale, Beads};
-use super::clean::{at_limits, clean};
-use super::load::{Loaded, Size, load};
+use super::clean::at_limits;
+use super::load::{Loaded, Size, load, one_file};
 use super::mosaic::Mosaic;
 use super::placement::Placement;
 use super::split::Parts;
@@ -434,20 +434,6 @@ fn check(options: &ObjectOptions) -> Result<(), ObjectError> {
         return Err(ObjectError::Option { name: "mean_photons", expected, found: mean.to_string() });
     }
     Ok(())
-}
-
-fn one_file(
-    path: &Path,
-    read: impl Fn(&Path) -> Result<PixelStack, FormatError>,
-    report: &mut FileReport,
-    progress: &mut dyn Progress<ReadProgress>,
-) -> Result<PixelStack, ObjectError> {
-    report_read(progress, &ReadProgress::files(0, 1))?;
-    let mut stack = read(path)?;
-    report.understood = Some(ImageSummary::of(&stack).to_string());
-    report.notices.extend(clean(path, &mut stack)?);
-    report_read(progress, &ReadProgress::files(1, 1))?;
-    Ok(stack)
 }
 
 fn mosaic(path: &Path, stacks: Vec<PixelStack>, mean: f64) -> Result<Content, ObjectError> {

@@ -1,4 +1,4 @@
-//! The data term of decoders without a prior: light above the background, and the noise variance that weights it.
+//! The data term of decoders without a prior: light above the background, the noise variance that weights it, and the residual.
 
 use ndarray::{ArrayView2, ArrayView3, Axis};
 

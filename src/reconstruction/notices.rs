@@ -1,4 +1,4 @@
-//! Notices about numbers that rest on few images.
+//! Notices about numbers from few images.
 
 use super::protocol::{DecoderQuality, DecoderScene};
 use crate::objects::{ObjectSet, Split};
@@ -7,7 +7,7 @@ use crate::plural::counted;
 /// Training images below which the closed form of the linear estimate is reported as inexact. On MNIST and Fashion-MNIST it is up to 1 dB
 /// off with 160 to 720 images and 12 to 21 dB with 48, but 0.2 dB at most with 1,200 and more: one mask, 200 test objects.
 const EXACT_TRAINING: usize = 1000;
-/// Held-out images below which a test is reported to rest on few. The mean over so many images varies by a tenth of what one image does.
+/// Fewest held-out images of a test without a notice. The standard error of their mean is a tenth of the deviation between images.
 const MANY_TEST: usize = 100;
 
 impl DecoderScene {

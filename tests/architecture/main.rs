@@ -15,7 +15,7 @@ use source::{House, identifiers, module_of};
 /// Top-level modules and their floors, ground first. The modules of one floor do not import each other. On the ground
 /// floor the order of this list counts.
 const FLOORS: [&[&str]; 9] = [
-    &["plural", "percentile", "seeds", "progress", "formats"],
+    &["plural", "percentile", "seeds", "significant", "progress", "formats"],
     &["optics", "objects", "sensor", "nn", "sparsity"],
     &["forward", "camera"],
     &["information"],

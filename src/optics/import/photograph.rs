@@ -119,7 +119,7 @@ impl PsfPhotograph {
         let mut values = GreyValues::default();
         values.add(pixels.view(), white);
         let wrapped = values.wrapped();
-        let saturated = values.saturated().filter(|_| wrapped.is_none());
+        let saturated = values.saturated();
         let corners = CornerLevel::of(pixels.view());
         let sum = sum_of(pixels.view());
         let meaning = self.file.meaning.clone();

@@ -3,7 +3,10 @@
 use super::options::{PixelRectangle, PsfDark, PsfImportOptions, PsfScale, PsfWindow};
 use crate::formats::{Saturated, Wrapped};
 use crate::plural::{counted, one_or_many};
+use crate::significant::significant;
 
+/// Significant digits of grey values and sizes.
+const DIGITS: i32 = 3;
 /// Largest share of the light outside the window without advice.
 const LITTLE_LIGHT: f64 = 0.02;
 
@@ -78,13 +81,7 @@ impl PsfImportReport {
                 percent(share)
             )
         });
-        let wrapped = self.wrapped.map(|Wrapped { share, above, median }| {
-            format!(
-                "{} of the pixels lie above {above} while the median is {median}: negative values wrapped around zero; \
-                 subtract the dark level in signed numbers",
-                percent(share)
-            )
-        });
+        let wrapped = self.wrapped.map(|wrapped| wrapped.to_string());
         let suspected = self.suspected.map(|BlackLevel { level, share }| {
             let advice = match options_in {
                 PsfOptionsIn::Path => "?dark=corners subtracts it",
@@ -92,7 +89,10 @@ impl PsfImportReport {
             };
             // Corners brighter than the mean of the image are more than all light.
             let share = if share < 1.0 { format!("{} of all light", percent(share)) } else { "all light".into() };
-            format!("the corners have the grey value {}, {share} if it is the black level; {advice}", short(level))
+            format!(
+                "the corners have the grey value {}, {share} if it is the black level; {advice}",
+                significant(level, DIGITS)
+            )
         });
         [saturated, wrapped, suspected].into_iter().flatten().collect()
     }
@@ -101,7 +101,11 @@ impl PsfImportReport {
     pub fn facts(&self, options_in: PsfOptionsIn) -> Vec<String> {
         let dark = self.dark.map(|BlackLevel { level, share }| {
             let of = if self.options.dark == PsfDark::Corners { " from the corners" } else { "" };
-            format!("the dark level of {}{of} is subtracted, {} of all grey value", short(level), percent(share))
+            format!(
+                "the dark level of {}{of} is subtracted, {} of all grey value",
+                significant(level, DIGITS),
+                percent(share)
+            )
         });
         let negative = self.negative.map(|NegativePixels { count, lowest }| {
             let (pixels, were) = (counted(count, "slightly negative pixel"), one_or_many(count, "was", "were"));
@@ -111,7 +115,7 @@ impl PsfImportReport {
             let (pixels, were) = (counted(count, "pixel"), one_or_many(count, "was", "were"));
             format!("{pixels} of the PSF below the dark level {were} set to 0")
         });
-        let floor = self.noise_floor.map(|floor| format!("noise hides an MTF below {}", short(floor)));
+        let floor = self.noise_floor.map(|floor| format!("noise hides an MTF below {}", significant(floor, DIGITS)));
         let facts = [dark, self.window_sentence(options_in), self.turn_sentence(), negative, below, floor];
         facts.into_iter().flatten().collect()
     }
@@ -130,7 +134,7 @@ impl PsfImportReport {
         let pixels = match scale {
             PsfScale::One => String::new(),
             PsfScale::Bin(bin) => format!(" in sums of {bin} x {bin} px"),
-            PsfScale::Grid(_) => format!(" in areas of {0} x {0} px", short(self.pixel)),
+            PsfScale::Grid(_) => format!(" in areas of {0} x {0} px", significant(self.pixel, DIGITS)),
         };
         let lost = 1.0 - self.light_kept;
         let advice = match (window, options_in) {
@@ -173,15 +177,6 @@ fn percent(share: f64) -> String {
     format!("{percent:.*} %", decimals as usize)
 }
 
-/// A number with three significant digits; whole numbers keep all digits.
-fn short(value: f64) -> String {
-    if value.fract() == 0.0 || value == 0.0 {
-        return format!("{value}");
-    }
-    let decimals = (2.0 - value.abs().log10().floor()).clamp(0.0, 9.0);
-    format!("{value:.*}", decimals as usize)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -190,6 +185,5 @@ mod tests {
     fn shares_keep_what_differs_from_nothing_and_all() {
         let texts = [0.0, 1.0, 0.706, 0.0139, 0.9912, 0.0001, 0.99996].map(percent);
         assert_eq!(texts, ["0 %", "100 %", "71 %", "1.4 %", "99.12 %", "0.010 %", "99.9960 %"]);
-        assert_eq!([256.0, 34.28, 0.012_34].map(short), ["256", "34.3", "0.0123"]);
     }
 }

@@ -14,6 +14,7 @@ use thiserror::Error;
 use crate::formats::{Channel, FormatError, GreyValues, ImageFile, ImageSummary, PixelStack, Saturated, Wrapped};
 use crate::optics::CornerLevel;
 use crate::sensor::Noise;
+use crate::significant::significant;
 use noise::SensorNoise;
 
 /// Shortest and longest side of a capture after binning, px. The noise of a sensor is read from squares of 2 x 2 px.
@@ -24,6 +25,8 @@ const LEAST_DARK_DIFFERENCE: f64 = 1.0;
 const DARK_DEVIATIONS: f64 = 5.0;
 /// Channels of colour images, as notices name them after the file.
 const COLOURS: [&str; 3] = [", red", ", green", ", blue"];
+/// Significant digits of dark levels.
+const LEVEL_DIGITS: i32 = 4;
 /// Largest share of saturated pixels.
 const MOST_SATURATED: f64 = 0.5;
 
@@ -110,7 +113,7 @@ pub enum CaptureError {
         value: f32,
     },
     /// Nothing is left above the dark level.
-    #[error("{path}: expected light above the dark level of {}, found none; check --dark", rounded(*dark))]
+    #[error("{path}: expected light above the dark level of {}, found none; check --dark", significant(*dark, LEVEL_DIGITS))]
     Dark {
         /// The file.
         path: String,
@@ -288,7 +291,7 @@ impl CaptureFiles {
             ));
         }
         if self.dark.is_none() && level != 0.0 {
-            let level = rounded(level);
+            let level = significant(level, LEVEL_DIGITS);
             notices.push(format!(
                 "{psf_path}{name}: dark level of {level} from the corners of the PSF; --dark sets another"
             ));
@@ -330,13 +333,6 @@ impl CaptureFiles {
             noise: Noise::ShotRead { sigma: noise.read_sigma },
         })
     }
-}
-
-/// A grey value of four digits.
-fn rounded(level: f64) -> String {
-    let digits = (3.0 - level.abs().max(1e-6).log10().floor()).clamp(0.0, 9.0) as usize;
-    let text = format!("{level:.digits$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 /// Images of a file, one stack for each channel: grey, or red, green and blue where the path chooses none.

@@ -19,10 +19,6 @@ fn the_dark_level_of_the_corners_is_subtracted_from_both() {
     let scratch = Scratch::new();
     let measured = scratch.write("y.npy", &[40, 48], |index| 60.5 + (index % 7) as f32);
     let capture = files(measured, psf_in(&scratch)).open().unwrap();
-    assert_eq!(
-        [139.204_193_115_234_38, 10.0, -5.0, 0.012_345, 65_535.0].map(rounded),
-        ["139.2", "10", "-5", "0.01235", "65535"]
-    );
     let [channel] = &capture.channels[..] else { panic!() };
     let light = channel.measurements.mapv(|value| f64::from(value) * channel.gain);
     assert!((light[(0, 0, 3)] - 53.5).abs() < 1e-3, "{}", light[(0, 0, 3)]);

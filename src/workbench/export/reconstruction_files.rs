@@ -13,6 +13,8 @@ use crate::workbench::export::design_files::{ExportError, put_in_place};
 pub const RECONSTRUCTIONS_FILE: &str = "reconstructions.npy";
 /// Images of an example, in the order of their making.
 const EXAMPLE_IMAGES: [&str; 4] = ["truth", "measurement", "reconstruction", "error"];
+/// Images of a frame of a capture.
+const FRAME_IMAGES: [&str; 2] = ["reconstruction", "measurement"];
 /// Share of the pixels of an image that are darker than its white.
 const WHITE_SHARE: f64 = 0.998;
 
@@ -78,22 +80,30 @@ impl ReconstructionWriter {
         Ok(())
     }
 
-    /// Writes an image of one or three channels, shape (rows, cols, channels), as `name.png`. The brightest pixels are white.
+    /// Writes the images of frame `number` of a capture: its reconstruction and its measurement, each of one or three channels, shape (rows,
+    /// cols, channels). The brightest pixels are white.
     ///
     /// # Errors
-    /// [`ExportError`] where the file cannot be written.
-    pub fn image(&mut self, name: &str, image: ArrayView3<'_, f32>) -> Result<(), ExportError> {
-        let path = self.folder.join(format!("{name}.png"));
-        let white = white_of(image);
-        let file = match image.shape()[2] {
-            3 => formats::complete_png_rgb(&path, levels(image, white).view())?,
-            _ => formats::complete_png8(&path, image.index_axis(Axis(2), 0), 0.0, white)?,
-        };
-        self.images.push((path, file));
+    /// [`ExportError`] where a file cannot be written.
+    pub fn frame(
+        &mut self,
+        number: usize,
+        reconstruction: ArrayView3<'_, f32>,
+        measurement: ArrayView3<'_, f32>,
+    ) -> Result<(), ExportError> {
+        for (name, image) in FRAME_IMAGES.into_iter().zip([reconstruction, measurement]) {
+            let path = self.folder.join(format!("{name}-{number}.png"));
+            let white = white_of(image);
+            let file = match image.shape()[2] {
+                3 => formats::complete_png_rgb(&path, levels(image, white).view())?,
+                _ => formats::complete_png8(&path, image.index_axis(Axis(2), 0), 0.0, white)?,
+            };
+            self.images.push((path, file));
+        }
         Ok(())
     }
 
-    /// Gives all files their names. Images of examples of an earlier, longer run are removed.
+    /// Gives all files their names. Images of examples and frames of an earlier, longer run are removed.
     ///
     /// # Errors
     /// [`ExportError`] where a file cannot be written.
@@ -101,16 +111,20 @@ impl ReconstructionWriter {
         let mut complete = vec![(self.folder.join(RECONSTRUCTIONS_FILE), self.array.complete()?)];
         complete.extend(self.images);
         let files = put_in_place(complete)?;
-        for number in 1.. {
-            let stale = EXAMPLE_IMAGES.map(|name| self.folder.join(format!("example-{number}-{name}.png")));
-            if files.contains(&stale[0]) {
-                continue;
-            }
-            if !stale.iter().any(|file| file.exists()) {
-                break;
-            }
-            for file in &stale {
-                formats::remove_if_there(file)?;
+        let example = |number: usize| EXAMPLE_IMAGES.map(|name| format!("example-{number}-{name}.png")).to_vec();
+        let frame = |number: usize| FRAME_IMAGES.map(|name| format!("{name}-{number}.png")).to_vec();
+        for names in [&example as &dyn Fn(usize) -> Vec<String>, &frame] {
+            for number in 1.. {
+                let named: Vec<PathBuf> = names(number).into_iter().map(|name| self.folder.join(name)).collect();
+                if files.contains(&named[0]) {
+                    continue;
+                }
+                if !named.iter().any(|file| file.exists()) {
+                    break;
+                }
+                for file in &named {
+                    formats::remove_if_there(file)?;
+                }
             }
         }
         Ok(files)
@@ -133,8 +147,7 @@ pub(crate) fn export_capture(
         if frame.len_of(Axis(3)) == 1 { frame.index_axis_move(Axis(3), 0).into_dyn() } else { frame.into_dyn() };
     let mut writer = ReconstructionWriter::create(folder, frame.shape())?;
     writer.append(frame)?;
-    writer.image("reconstruction-1", object)?;
-    writer.image("measurement-1", measurement)?;
+    writer.frame(1, object, measurement)?;
     writer.finish()
 }
 
@@ -185,6 +198,26 @@ mod tests {
         let left = std::fs::read_dir(folder.path()).unwrap().count();
         assert!(left <= 6, "{left} files");
         assert_eq!(formats::read_array(&folder.path().join(RECONSTRUCTIONS_FILE)).unwrap().shape(), [2, 12, 14]);
+    }
+
+    #[test]
+    fn images_of_later_frames_and_of_examples_go() {
+        let folder = tempfile::tempdir().unwrap();
+        let image = Array3::<f32>::ones((4, 5, 1));
+        let run = |frames: usize| {
+            let mut writer = ReconstructionWriter::create(folder.path(), &[frames, 4, 5]).unwrap();
+            writer.append(Array3::<f32>::ones((frames, 4, 5)).into_dyn().view()).unwrap();
+            (1..=frames).for_each(|number| writer.frame(number, image.view(), image.view()).unwrap());
+            writer.finish().unwrap();
+        };
+        std::fs::write(folder.path().join("example-1-truth.png"), "x").unwrap();
+        run(3);
+        assert!(folder.path().join("measurement-3.png").exists());
+        run(1);
+        for name in ["measurement-2", "measurement-3", "reconstruction-2", "reconstruction-3", "example-1-truth"] {
+            assert!(!folder.path().join(format!("{name}.png")).exists(), "{name}");
+        }
+        assert!(folder.path().join("reconstruction-1.png").exists());
     }
 
     #[test]
